@@ -84,6 +84,9 @@ pub use exit::{
     output_complete,
 };
 
+/// What ends in an exit code where it fails.
+type Result<T, E = Failure> = core::result::Result<T, E>;
+
 /// The end of the help of every program.
 pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 incomplete (replay); \
     64 wrong command line; 65 bad data, or a file beyond its limit; 70 error of the program; \

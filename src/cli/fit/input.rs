@@ -9,7 +9,7 @@ use crate::input::{self, InputKind};
 use crate::positioning_data::{Cycles, instrument_test, is_instrument, parse_csv, parse_dat};
 use crate::table::{STDIN, Table};
 use crate::units::{self, Units};
-use crate::{EX_DATAERR, Failure};
+use crate::{EX_DATAERR, Failure, Result};
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
 use volcomp_model::{Component, ErrorSymbol};
@@ -107,7 +107,7 @@ pub(crate) fn read(
     cycles: Option<&Cycles>,
     direction: Direction,
     into: &mut BySymbol,
-) -> Result<(), Failure> {
+) -> Result<()> {
     let io = |e: &std::io::Error| Failure::io(path, e);
     let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
     let mut source = input::open(path, InputKind::Table)?.buffered();
@@ -121,7 +121,8 @@ pub(crate) fn read(
         let test = found.map(|f| f.test).map_or_else(|| parse_dat(&file, &utf8(&file, head)?), Ok)?;
         positioning(&file, axis, test)?
     } else {
-        let table = Table::new(Cursor::new(head).chain(source), file.clone())?;
+        let source: Box<dyn BufRead> = Box::new(Cursor::new(head).chain(source));
+        let table = Table::new(source, file.clone())?;
         let is_test = table.columns().iter().any(|c| c.starts_with("target_") || c.starts_with("deviation_"));
         match format {
             Format::Iso230_2 => positioning(&file, axis, parse_csv(table)?)?,
@@ -140,15 +141,14 @@ pub(crate) fn read(
             Direction::Reverse => r.travel == Travel::Reverse,
         });
         if measured.readings.is_empty() {
-            let what = format_args!("{symbol}: no reading in the selected direction");
-            return Err(Failure::data(Path::new(&file), what));
+            return Err(data!(file, "{symbol}: no reading in the selected direction"));
         }
         into.entry(symbol).or_default().append(measured, &file);
     }
     Ok(())
 }
 
-fn utf8(file: &str, bytes: Vec<u8>) -> Result<String, Failure> {
+fn utf8(file: &str, bytes: Vec<u8>) -> Result<String> {
     String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
         Failure::new(EX_DATAERR, format_args!("error: {file}:{line}: not UTF-8 text; save the file as UTF-8"))
@@ -156,14 +156,13 @@ fn utf8(file: &str, bytes: Vec<u8>) -> Result<String, Failure> {
 }
 
 /// A positioning test is the positioning error of the axis itself.
-fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySymbol, Failure> {
+fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySymbol> {
     if test.kind != axis.kind() {
         let (is, has) = match axis.kind() {
             AxisKind::Linear => ("linear", "degrees"),
             AxisKind::Rotary => ("rotary", "millimetres"),
         };
-        let what = format_args!("axis {axis} is {is}, the test is in {has}; check --axis");
-        return Err(Failure::data(Path::new(file), what));
+        return Err(data!(file, "axis {axis} is {is}, the test is in {has}; check --axis"));
     }
     let offset = if axis.kind() == AxisKind::Rotary { 3 } else { 0 };
     let component = Component::ALL[axis.direction() + offset];
@@ -172,7 +171,7 @@ fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySy
 }
 
 /// A motion table.
-fn motion<R: BufRead>(table: Table<R>, axis: AxisName) -> Result<BySymbol, Failure> {
+fn motion(table: Table<Box<dyn BufRead>>, axis: AxisName) -> Result<BySymbol> {
     let mut table = Columns::new(table);
     let position_name = match axis.kind() {
         AxisKind::Linear => "position_mm",
@@ -236,8 +235,9 @@ fn symbol_column(column: &str, axis: AxisName, position_name: &str) -> Result<Er
 mod tests {
     use super::*;
 
-    fn read_motion(text: &str, axis: AxisName) -> Result<BySymbol, Failure> {
-        motion(Table::new(text.as_bytes(), "m.csv".to_owned())?, axis)
+    fn read_motion(text: &str, axis: AxisName) -> Result<BySymbol> {
+        let source: Box<dyn BufRead> = Box::new(Cursor::new(text.to_owned()));
+        motion(Table::new(source, "m.csv".to_owned())?, axis)
     }
 
     #[test]

@@ -14,7 +14,7 @@ use self::basis::Auto;
 use self::input::{BySymbol, Direction, Format, Measured, read};
 use self::picture::PictureArgs;
 use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, print_notes, table};
-use super::Failure;
+use super::Result;
 use super::files::write_text;
 use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use super::positioning_data::Cycles;
@@ -190,7 +190,7 @@ fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(Other::Thermal(args)) = &args.other {
         return thermal::run(args);
     }
@@ -241,7 +241,7 @@ fn stdout_taken(model: &ModelWriter, json: Option<&Path>) -> bool {
 }
 
 /// Refuses a model and figures that would both go to stdout.
-fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<(), Failure> {
+fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<()> {
     if model.takes_stdout() && json.is_some_and(|p| p.as_os_str() == "-") {
         return Err(usage!("--out - and --json cannot both go to stdout; give one of them a file"));
     }
@@ -279,7 +279,7 @@ impl Args {
     }
 
     /// The periods in the order given; one that is fitted where none is.
-    fn periods(&self, kind: AxisKind) -> Result<Vec<Period>, Failure> {
+    fn periods(&self, kind: AxisKind) -> Result<Vec<Period>> {
         let (given, other, wanted, to_inner): (_, _, _, fn(f64) -> f64) = match kind {
             AxisKind::Linear => (&self.period_mm, &self.period_deg, "--period-mm", |v| v),
             AxisKind::Rotary => (&self.period_deg, &self.period_mm, "--period-deg", rad_from_deg),
@@ -309,7 +309,7 @@ impl Args {
         Ok(if all.is_empty() { vec![fitted] } else { all })
     }
 
-    fn request(&self, kind: AxisKind) -> Result<Request, Failure> {
+    fn request(&self, kind: AxisKind) -> Result<Request> {
         let periods = self.periods(kind)?;
         if self.smoothing != Smoothing::None && !matches!(self.basis, None | Some(Basis::Table)) {
             return Err(usage!("only a table is smoothed; remove --smoothing or change the basis"));
@@ -338,7 +338,7 @@ impl Args {
     }
 
     /// The model with the fitted curves in their places.
-    fn model(&self, fitted: &[Fitted], sources: &Sources) -> Result<ModelFile, Failure> {
+    fn model(&self, fitted: &[Fitted], sources: &Sources) -> Result<ModelFile> {
         let mut model = self.model.base(|| default_chain(fitted.iter().map(|f| f.symbol.axis())))?;
         for f in fitted {
             let name = |i: usize| self.errors[i].display().to_string();

@@ -11,7 +11,7 @@ use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{Area, Axes, BLUE, Drawn, INK, Svg, VERMILLION, svg_of, with_room};
 use crate::units::{Units, or_dash};
-use crate::{EX_SOFTWARE, Failure};
+use crate::{EX_SOFTWARE, Failure, Result};
 use volcomp_units::axes::Travel;
 
 const SIZE: (u32, u32) = (1100, 520);
@@ -51,7 +51,7 @@ fn picture(text: &str) -> Result<PathBuf, &'static str> {
 
 impl PictureArgs {
     /// Writes the files that were asked for: a bare picture, or a page with figures and notes.
-    pub(super) fn write(&self, svg: impl Fn() -> Svg, page: impl Fn() -> Svg) -> Result<(), Failure> {
+    pub(super) fn write(&self, svg: impl Fn() -> Svg, page: impl Fn() -> Svg) -> Result<()> {
         let named = self.picture.iter().map(|path| (path, !has_ending(path, &["svg"])));
         let pages = self.html.iter().map(|path| (path, true));
         for (path, is_page) in pages.chain(self.svg.iter().map(|path| (path, false))).chain(named) {

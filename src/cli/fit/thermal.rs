@@ -7,14 +7,14 @@ use plotters::prelude::*;
 use serde_json::{Value, json};
 
 use super::picture::PictureArgs;
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::{above_zero, not_negative};
 use crate::files::write_text;
+use crate::identify::columns::{self, Column, Columns};
 use crate::model_writer::{ModelWriter, Sources};
 use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{self, Axes, Key};
-use crate::table::{self, Table};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
 use volcomp_model::ErrorSymbol;
@@ -98,7 +98,7 @@ struct Recording {
     inputs: Vec<Input>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     super::stdout_once(&args.model, args.json.as_deref())?;
     let recording = read(args)?;
     let name = args.name.clone().unwrap_or_else(|| stem(&args.displacement).to_owned());
@@ -138,54 +138,44 @@ fn stem(column: &str) -> &str {
     unit.map_or(column, |unit| &column[..column.len() - unit.len()])
 }
 
-fn read(args: &Args) -> Result<Recording, Failure> {
-    let mut table = table::open(&args.file)?;
-    let time = table.require(&args.time)?;
-    let displacement = table.require(&args.displacement)?;
-    let temperatures = columns(&table, &args.temperatures, "_degc", &args.without)?;
-    let speeds = columns(&table, &args.speeds, "_rpm", &args.without)?;
-    let with = |columns: Vec<(usize, String)>, quantity| {
-        columns
-            .into_iter()
-            .map(move |(index, sensor)| (index, Input { sensor, quantity, values: Vec::new() }))
-    };
-    let mut inputs: Vec<(usize, Input)> =
-        with(temperatures, Quantity::Temperature).chain(with(speeds, Quantity::Speed)).collect();
+fn read(args: &Args) -> Result<Recording> {
+    let mut table = columns::open(&args.file)?;
+    let [time, displacement] = [table.require(&args.time)?, table.require(&args.displacement)?];
+    let mut inputs = sensors(&mut table, &args.temperatures, "_degc", &args.without, Quantity::Temperature)?;
+    inputs.extend(sensors(&mut table, &args.speeds, "_rpm", &args.without, Quantity::Speed)?);
     let (mut time_s, mut displacement_mm) = (Vec::new(), Vec::new());
-    while table.advance()? {
-        time_s.push(table.number(time)?);
-        displacement_mm.push(mm_from_um(table.number(displacement)?));
-        for (index, input) in &mut inputs {
-            input.values.push(table.number(*index)?);
+    table.rows(|row| {
+        time_s.push(row.number(time)?);
+        displacement_mm.push(mm_from_um(row.number(displacement)?));
+        for (column, input) in &mut inputs {
+            input.values.push(row.number(*column)?);
         }
-    }
+        Ok(())
+    })?;
     Ok(Recording { time_s, displacement_mm, inputs: inputs.into_iter().map(|(_, input)| input).collect() })
 }
 
 /// The columns named, or all with the ending.
-fn columns<R: std::io::BufRead>(
-    table: &Table<R>,
+fn sensors(
+    table: &mut Columns,
     named: &[String],
     ending: &str,
     without: &[String],
-) -> Result<Vec<(usize, String)>, Failure> {
-    if !named.is_empty() {
-        return named.iter().map(|name| Ok((table.require(name)?, stem(name).to_owned()))).collect();
+    quantity: Quantity,
+) -> Result<Vec<(Column, Input)>> {
+    let mut names = named.to_vec();
+    if named.is_empty() {
+        without.iter().try_for_each(|name| table.require(name).map(|_| ()))?;
+        let ends = |name: &&String| name.to_ascii_lowercase().ends_with(ending) && !without.contains(name);
+        names.extend(table.table.columns().iter().filter(ends).cloned());
     }
-    for name in without {
-        table.require(name)?;
-    }
-    let ends = |name: &String| name.to_ascii_lowercase().ends_with(ending) && !without.contains(name);
-    Ok(table
-        .columns()
-        .iter()
-        .enumerate()
-        .filter(|(_, name)| ends(name))
-        .map(|(k, n)| (k, stem(n).to_owned()))
-        .collect())
+    let one = |name: String| {
+        Ok((table.require(&name)?, Input { sensor: stem(&name).to_owned(), quantity, values: Vec::new() }))
+    };
+    names.into_iter().map(one).collect()
 }
 
-fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<(), Failure> {
+fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<()> {
     let files = std::slice::from_ref(&args.file);
     let sources = Sources::of(files);
     let mut model = args.model.base(|| "[w b X Y Z t]".to_owned())?;

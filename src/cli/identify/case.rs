@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::method::{Found, Front, printed};
 use crate::input::{self, InputKind};
 use crate::model_writer::ModelWriter;
-use crate::{EX_DATAERR, Failure};
+use crate::{EX_DATAERR, Failure, Result};
 
 /// Where a case comes from and how the result is printed, the same for every method.
 #[derive(Debug, clap::Args)]
@@ -68,7 +68,7 @@ impl<'a> CaseFile<'a> {
     }
 
     /// Refuses files to write: a case is numbers alone, without axis, chain or frame.
-    pub(super) fn writes_no_model(&self, wanted: bool) -> Result<(), Failure> {
+    pub(super) fn writes_no_model(&self, wanted: bool) -> Result<()> {
         if wanted {
             return Err(usage!("--input computes and prints; files to write go with instrument data"));
         }
@@ -76,7 +76,7 @@ impl<'a> CaseFile<'a> {
     }
 
     /// Reads the case; of a file with several, the one that was named.
-    pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, Failure> {
+    pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T> {
         let text = input::read_text(self.path, InputKind::Case)?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut file: Value = serde_json::from_str(text).map_err(|e| self.at(&e))?;

@@ -3,9 +3,9 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use crate::Failure;
 use crate::positioning_data::no_rows;
 use crate::table::{self, Table, nearest};
+use crate::{Failure, Result};
 use volcomp_identify::Reading;
 use volcomp_model::geometry::Vec3;
 use volcomp_units::axes::Travel;
@@ -27,8 +27,8 @@ pub(crate) struct RunColumns {
 }
 
 /// A table that knows which of its columns were asked for.
-pub(crate) struct Columns<R> {
-    pub(crate) table: Table<R>,
+pub(crate) struct Columns {
+    pub(crate) table: Table<Box<dyn BufRead>>,
     known: Vec<String>,
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn hint(name: &str, names: &[String], columns: impl core::fmt::Displa
 }
 
 /// Opens a table.
-pub(crate) fn open(path: &Path) -> Result<Columns<Box<dyn BufRead>>, Failure> {
+pub(crate) fn open(path: &Path) -> Result<Columns> {
     table::open(path).map(Columns::new)
 }
 
@@ -57,8 +57,8 @@ impl Column {
     }
 }
 
-impl<R: BufRead> Columns<R> {
-    pub(crate) const fn new(table: Table<R>) -> Self {
+impl Columns {
+    pub(crate) const fn new(table: Table<Box<dyn BufRead>>) -> Self {
         Self { table, known: Vec::new() }
     }
 
@@ -69,18 +69,18 @@ impl<R: BufRead> Columns<R> {
     }
 
     /// The column of a name.
-    pub(crate) fn require(&mut self, name: &str) -> Result<Column, Failure> {
+    pub(crate) fn require(&mut self, name: &str) -> Result<Column> {
         self.known.push(name.to_owned());
         self.table.require(name).map(|index| Column::new(name, index))
     }
 
     /// Three columns, such as those of a point.
-    pub(crate) fn three(&mut self, names: [&str; 3]) -> Result<[Column; 3], Failure> {
+    pub(crate) fn three(&mut self, names: [&str; 3]) -> Result<[Column; 3]> {
         Ok([self.require(names[0])?, self.require(names[1])?, self.require(names[2])?])
     }
 
     /// The position, optional `cycle` and `direction`.
-    pub(crate) fn run(&mut self, position: &str) -> Result<RunColumns, Failure> {
+    pub(crate) fn run(&mut self, position: &str) -> Result<RunColumns> {
         let position = self.require(position)?;
         Ok(RunColumns { position, cycle: self.find("cycle"), direction: self.find("direction") })
     }
@@ -91,7 +91,7 @@ impl<R: BufRead> Columns<R> {
     }
 
     /// Refuses columns that were not asked for; `hint` says which were, from the name of the first.
-    pub(crate) fn only(&self, hint: impl FnOnce(&str) -> String) -> Result<(), Failure> {
+    pub(crate) fn only(&self, hint: impl FnOnce(&str) -> String) -> Result<()> {
         match self.table.columns().iter().position(|c| !self.known.contains(c)) {
             Some(i) => {
                 let hint = hint(&self.table.columns()[i]);
@@ -102,22 +102,22 @@ impl<R: BufRead> Columns<R> {
     }
 
     /// A number of the current row as written.
-    pub(crate) fn number(&self, column: Column) -> Result<f64, Failure> {
+    pub(crate) fn number(&self, column: Column) -> Result<f64> {
         self.table.number(column.index)
     }
 
     /// A number of the current row, mm or rad.
-    pub(crate) fn value(&self, column: Column) -> Result<f64, Failure> {
+    pub(crate) fn value(&self, column: Column) -> Result<f64> {
         self.table.number(column.index).map(column.to_inner)
     }
 
     /// A number of the current row, or that of a table without the column.
-    pub(crate) fn value_or(&self, column: Option<Column>, default: f64) -> Result<f64, Failure> {
+    pub(crate) fn value_or(&self, column: Option<Column>, default: f64) -> Result<f64> {
         column.map_or(Ok(default), |c| self.value(c))
     }
 
     /// Three numbers of the current row.
-    pub(crate) fn point(&self, [x, y, z]: [Column; 3]) -> Result<Vec3, Failure> {
+    pub(crate) fn point(&self, [x, y, z]: [Column; 3]) -> Result<Vec3> {
         Ok(Vec3::new(self.value(x)?, self.value(y)?, self.value(z)?))
     }
 
@@ -127,17 +127,17 @@ impl<R: BufRead> Columns<R> {
     }
 
     /// A whole number from 0 up; 0 without the column.
-    pub(crate) fn count(&self, column: Option<Column>) -> Result<u32, Failure> {
+    pub(crate) fn count(&self, column: Option<Column>) -> Result<u32> {
         column.map_or(Ok(0), |c| self.table.count(c.index))
     }
 
     /// A direction; forward without the column.
-    pub(crate) fn travel(&self, column: Option<Column>) -> Result<Travel, Failure> {
+    pub(crate) fn travel(&self, column: Option<Column>) -> Result<Travel> {
         column.map_or(Ok(Travel::Forward), |c| self.table.travel(c.index))
     }
 
     /// Where and when the current row was read; its value is left at 0.
-    pub(crate) fn reading(&self, run: &RunColumns) -> Result<Reading, Failure> {
+    pub(crate) fn reading(&self, run: &RunColumns) -> Result<Reading> {
         Ok(Reading {
             cycle: self.count(run.cycle)?,
             travel: self.travel(run.direction)?,
@@ -157,10 +157,7 @@ impl<R: BufRead> Columns<R> {
     }
 
     /// What `read` makes of every row.
-    pub(crate) fn rows<T>(
-        &mut self,
-        mut read: impl FnMut(&Self) -> Result<T, Failure>,
-    ) -> Result<Vec<T>, Failure> {
+    pub(crate) fn rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
         let mut rows = Vec::new();
         while self.table.advance()? {
             rows.push(read(self)?);
@@ -169,10 +166,7 @@ impl<R: BufRead> Columns<R> {
     }
 
     /// The same, and there must be one.
-    pub(crate) fn some_rows<T>(
-        &mut self,
-        read: impl FnMut(&Self) -> Result<T, Failure>,
-    ) -> Result<Vec<T>, Failure> {
+    pub(crate) fn some_rows<T>(&mut self, read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
         let rows = self.rows(read)?;
         if rows.is_empty() { Err(no_rows(self.table.file())) } else { Ok(rows) }
     }

@@ -8,9 +8,9 @@ use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile};
 use super::method::{Found, Front, Method, printed};
-use crate::Failure;
 use crate::fit::AutoOr;
 use crate::table;
+use crate::{Failure, Result};
 use volcomp_identify::Reading;
 use volcomp_identify::curve::monomial::polynomial;
 use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
@@ -110,11 +110,11 @@ impl Method for Args {
         self.case.front(None)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         found(&file.read()?, file.path())
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let Some(path) = self.case.data(&self.data) else {
             return Err(usage!("neither --input nor --data is given"));
         };
@@ -122,7 +122,7 @@ impl Method for Args {
     }
 }
 
-fn found(case: &Case, path: &Path) -> Result<Box<dyn Found>, Failure> {
+fn found(case: &Case, path: &Path) -> Result<Box<dyn Found>> {
     let [x, y] = [case.x.len(), case.y.len()];
     if x != y {
         return Err(data!(path, "{x} x but {y} y; every point needs both"));
@@ -133,7 +133,7 @@ fn found(case: &Case, path: &Path) -> Result<Box<dyn Found>, Failure> {
 }
 
 impl Args {
-    fn read_table(&self, path: &Path) -> Result<Case, Failure> {
+    fn read_table(&self, path: &Path) -> Result<Case> {
         let mut table = table::open(path)?;
         let (cx, cy) = (table.require(&self.x)?, table.require(&self.y)?);
         let (mut x, mut y) = (Vec::new(), Vec::new());

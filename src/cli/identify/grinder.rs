@@ -12,7 +12,7 @@ use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::model_writer::{ModelWriter, Sources, put};
 use crate::units::{Units, key, or_dash};
-use crate::{EX_CONFIG, Failure};
+use crate::{EX_CONFIG, Failure, Result};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
 use volcomp_identify::grinder::{Chain, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan};
@@ -111,11 +111,11 @@ impl Method for Args {
         Front { file: None, json: self.json, model: Some(&self.out), writes_more: false, case_writes: false }
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         Err(file.bad("steps are tables"))
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         if self.step.is_empty() && self.next.is_none() {
             return Err(usage!("nothing to do; give --step for data, --next for the poses to measure"));
         }
@@ -138,7 +138,7 @@ impl Method for Args {
 }
 
 /// The drawing, the model of --into, or a bare chain.
-fn drawing(args: &Args) -> Result<ModelFile, Failure> {
+fn drawing(args: &Args) -> Result<ModelFile> {
     let Some(path) = &args.drawing else {
         return args.out.base(|| "[w A' b X Y B t]".to_owned());
     };
@@ -156,7 +156,7 @@ fn axis_columns(axis: AxisName) -> [String; 2] {
 const TOOL: [&str; 3] = ["tool_x_mm", "tool_y_mm", "tool_z_mm"];
 
 /// Reads the rows of a step.
-fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
+fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>> {
     let mut table = columns::open(path)?;
     let axes = spec.chain.axes().iter().map(|a| axis_columns(a.name).map(|name| table.find(&name)));
     let axes: Vec<[Option<Column>; 2]> = axes.collect();
@@ -189,7 +189,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
 }
 
 /// The poses to measure next, with the corrections that the model so far asks for.
-fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Result<(), Failure> {
+fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Result<()> {
     let spec = chain.spec();
     let planned = plan(chain, axis, args.positions, args.lever_mm).map_err(|e| usage!("--next: {e}"))?;
     let model = Model::new(spec).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {e}")))?;
@@ -277,7 +277,7 @@ impl Found for Outcome<'_> {
         );
     }
 
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         let (args, chain, mut file) = (self.args, &self.chain, self.file.clone());
         let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
         let sources = Sources::of(&files);

@@ -1,6 +1,5 @@
 //! `volcomp identify kalman`: the filter on node values, on a case or on a recording.
 
-use std::io::BufRead;
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -10,10 +9,10 @@ use serde_json::{Value, json};
 use super::case::{CaseArgs, CaseFile};
 use super::columns::{self, Column, Columns};
 use super::method::{Found, Front, Method, printed};
-use crate::Failure;
 use crate::arg_parsers::linear_axis;
 use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
 use crate::units::{Units, key};
+use crate::{Failure, Result};
 use volcomp_config::ModelFile;
 use volcomp_estimate::filter::COMPONENTS_MAX;
 use volcomp_estimate::{
@@ -126,11 +125,11 @@ impl Method for Args {
         self.case.front(&self.model)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         of_case(&file.read()?).map_err(|e| file.bad(e))
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let Some(path) = self.case.data(&self.data) else {
             return Err(usage!("neither --input nor --data is given"));
         };
@@ -194,7 +193,7 @@ struct TableColumns {
 }
 
 impl TableColumns {
-    fn find<R: BufRead>(table: &mut Columns<R>, axes: &[AxisName; 3]) -> Result<Self, Failure> {
+    fn find(table: &mut Columns, axes: &[AxisName; 3]) -> Result<Self> {
         let time = table.find("t_s");
         let [a, b, c] = axes.map(|axis| format!("{}_mm", axis.lower()));
         let positions = table.three([&a, &b, &c])?;
@@ -248,7 +247,7 @@ struct Run {
 }
 
 impl<'a> Outcome<'a> {
-    fn of(args: &'a Args, path: &'a Path) -> Result<Self, Failure> {
+    fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
         let axes: [AxisName; 3] = args
             .axes
             .as_slice()
@@ -338,7 +337,7 @@ impl Found for Outcome<'_> {
         }
     }
 
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         let (files, mut model) = ([self.path.to_owned()], self.model.clone());
         let sources = Sources::of(&files);
         put(&mut model, self.symbol, self.function.clone(), sources.provenance());
@@ -351,7 +350,7 @@ impl Found for Outcome<'_> {
 }
 
 /// What the model says about the error already.
-fn offline(model: &ModelFile, symbol: ErrorSymbol) -> Result<ErrorFunction, Failure> {
+fn offline(model: &ModelFile, symbol: ErrorSymbol) -> Result<ErrorFunction> {
     let axis = model.spec.axis(symbol.axis());
     if axis.sense == Sense::Carriage {
         return Err(data!(
@@ -375,13 +374,13 @@ fn value_at(function: &ErrorFunction, symbol: ErrorSymbol, axes: &[AxisName; 3],
 }
 
 impl Run {
-    fn of<R: BufRead>(
-        table: &mut Columns<R>,
+    fn of(
+        table: &mut Columns,
         columns: &TableColumns,
         grid: &NodeGrid,
         (filter, noise): (&mut NodeFilter, &mut MeasurementNoise),
         offline_at: impl Fn([f64; 3]) -> f64,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self> {
         let mut last: Option<f64> = None;
         let mut seen: Vec<([f64; 3], f64)> = Vec::new();
         let mut run = Self::default();

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::case::CaseFile;
-use crate::Failure;
+use crate::Result;
 use crate::model_writer::ModelWriter;
 
 /// The options that every method has.
@@ -25,10 +25,10 @@ pub(super) trait Method {
     fn front(&self) -> Front<'_>;
 
     /// What a case of the reference vectors gives.
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure>;
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>>;
 
     /// What the files of the instrument give; `None` where there is nothing to print.
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure>;
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>>;
 }
 
 /// What a method found.
@@ -43,7 +43,7 @@ pub(super) trait Found {
     fn warn(&self) {}
 
     /// Writes the model and what else was asked for; returns the end of the report.
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         Ok(String::new())
     }
 }
@@ -65,7 +65,7 @@ pub(super) fn printed<'a>(json: Value, print: impl Fn() + 'a) -> Box<dyn Found +
 }
 
 /// Reads, solves, writes, and prints last: a failure leaves nothing on stdout.
-pub(super) fn run(method: &dyn Method) -> Result<(), Failure> {
+pub(super) fn run(method: &dyn Method) -> Result<()> {
     let Front { file, json, model, writes_more, case_writes } = method.front();
     let writes = writes_more || model.is_some_and(|m| m.target().is_some());
     let found = match file {

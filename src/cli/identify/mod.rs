@@ -21,7 +21,7 @@ mod straightness;
 mod threepoint;
 mod tracker_points;
 
-use super::Failure;
+use super::Result;
 
 /// Turn instrument data into an error model.
 #[derive(Debug, clap::Parser)]
@@ -55,7 +55,7 @@ enum Method {
     Kalman(Box<kalman::Args>),
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     method::run(match &args.method {
         Method::Threepoint(a) => a.as_ref(),
         Method::Nineline(a) => a.as_ref(),

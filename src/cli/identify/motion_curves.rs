@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::columns;
 use super::method::{Found, Front};
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::one_of;
 use crate::files::write_text;
 use crate::fit::basis::{Auto, BASES};
@@ -93,7 +93,7 @@ impl CurveArgs {
     }
 
     /// Brings the motions (relative sense) into the gauge of a model.
-    pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin) -> Result<Gauged, Failure> {
+    pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin) -> Result<Gauged> {
         gauge(rows, origin.axis, self.zero_at_mm, self.straightness).map_err(|e| data_error(&origin.files, e))
     }
 
@@ -136,7 +136,7 @@ impl Found for Motions<'_> {
         self.report.warn(self.gauged.rows.len());
     }
 
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         if let Some(path) = &self.args.motions {
             write_text(path, &self.table())?;
         }
@@ -158,7 +158,7 @@ impl Found for Motions<'_> {
 }
 
 impl Motions<'_> {
-    fn fit(&self) -> Result<Vec<Fitted>, Failure> {
+    fn fit(&self) -> Result<Vec<Fitted>> {
         let request = Request { basis: self.args.basis, ..Request::default() };
         let one = |symbol: volcomp_model::ErrorSymbol| {
             let readings = self.gauged.readings(symbol.component());
@@ -240,7 +240,7 @@ pub(super) fn in_print_units(component: Component, value: f64) -> f64 {
 }
 
 /// A motion table written by another method, one row per reading: positions and the six motions (mm, rad).
-pub(super) fn read_motions(path: &Path, axis: AxisName) -> Result<Vec<(f64, [f64; 6])>, Failure> {
+pub(super) fn read_motions(path: &Path, axis: AxisName) -> Result<Vec<(f64, [f64; 6])>> {
     let mut table = columns::open(path)?;
     let position = table.require("position_mm")?;
     let mut columns = Vec::with_capacity(6);

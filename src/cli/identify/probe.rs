@@ -7,10 +7,10 @@ use serde_json::{Value, json};
 use super::case::{CaseArgs, CaseFile};
 use super::columns;
 use super::method::{Found, Front, Method};
-use crate::Failure;
 use crate::arg_parsers::numbers;
 use crate::model_writer::{ModelWriter, Sources, put};
 use crate::units::or_dash;
+use crate::{Failure, Result};
 use volcomp_identify::probe::{Arm, Calibration, Circle, Contact, Note, Request, calibrate};
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
 use volcomp_units::axes::AxisName;
@@ -92,7 +92,7 @@ impl Method for Args {
         Front { case_writes: true, ..self.case.front(&self.out) }
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         self.needs_nominal()?;
         let case: Case = file.read()?;
         if case.y.len() != case.b_deg.len() {
@@ -105,7 +105,7 @@ impl Method for Args {
         self.outcome(file.path(), contacts, case.bar_radius)
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         self.needs_nominal()?;
         let Some(path) = self.case.data(&self.data) else {
             return Err(usage!("give --data or --input"));
@@ -116,14 +116,14 @@ impl Method for Args {
 }
 
 impl Args {
-    fn needs_nominal(&self) -> Result<(), Failure> {
+    fn needs_nominal(&self) -> Result<()> {
         if self.out.target().is_some() == self.nominal_mm.is_some() {
             return Ok(());
         }
         Err(usage!("a model needs --out or --into, and --nominal-mm to compare the bar's place with"))
     }
 
-    fn contacts(&self, path: &Path) -> Result<Vec<Contact>, Failure> {
+    fn contacts(&self, path: &Path) -> Result<Vec<Contact>> {
         let mut table = columns::open(path)?;
         let (y, height, angle) = (table.require("y_mm")?, table.find("z_mm"), table.find("b_deg"));
         table.only(|_| "columns are y_mm, z_mm, b_deg".to_owned())?;
@@ -144,12 +144,7 @@ impl Args {
         }
     }
 
-    fn outcome(
-        &self,
-        path: &Path,
-        contacts: Vec<Contact>,
-        bar_radius: f64,
-    ) -> Result<Box<dyn Found + '_>, Failure> {
+    fn outcome(&self, path: &Path, contacts: Vec<Contact>, bar_radius: f64) -> Result<Box<dyn Found + '_>> {
         let request = Request { sigma: self.noise_um.map(mm_from_um), reject_outliers: self.robust };
         let found = calibrate(&contacts, bar_radius, &request).map_err(|e| Failure::data(path, e))?;
         Ok(Box::new(Outcome { args: self, path: path.to_owned(), found, contacts: contacts.len() }))
@@ -224,7 +219,7 @@ impl Found for Outcome<'_> {
     }
 
     /// The bar's place as location errors of the axis that holds it.
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         let (args, found) = (self.args, &self.found);
         let Some([y, z]) = args.nominal_mm else { return Ok(String::new()) };
         let mut model = args.out.base(|| "[w A' b X Y B t]".to_owned())?;

@@ -1,14 +1,13 @@
 //! Points in CSV files: named points with coordinates, or with range, azimuth and elevation from a tracker, and the
 //! registration of the tracker's frame to the machine's.
 
-use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
 use super::columns::{self, Column, Columns};
-use crate::Failure;
 use crate::arg_parsers::{above_zero, not_negative, point};
+use crate::{Failure, Result};
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
 use volcomp_model::geometry::{Mat3, Vec3};
@@ -72,7 +71,7 @@ pub(super) struct Frame {
 
 impl PointColumns {
     /// The columns `{prefix}x_mm` and so on, where they are there.
-    pub(super) fn find<R: BufRead>(table: &mut Columns<R>, prefix: &str) -> Option<Self> {
+    pub(super) fn find(table: &mut Columns, prefix: &str) -> Option<Self> {
         let mut three = |names: [&str; 3]| -> Option<[Column; 3]> {
             let [a, b, c] = names.map(|n| table.find(&format!("{prefix}{n}")));
             Some([a?, b?, c?])
@@ -83,18 +82,13 @@ impl PointColumns {
     }
 
     /// True where all three fields are empty: the point was not seen.
-    pub(super) fn is_empty<R: BufRead>(self, row: &Columns<R>) -> bool {
+    pub(super) fn is_empty(self, row: &Columns) -> bool {
         let (Self::Cartesian(columns) | Self::Spherical(columns)) = self;
         columns.iter().all(|c| row.word(*c).is_empty())
     }
 
     /// Refuses angles where nothing says where the tracker stands.
-    pub(super) fn check_frame(
-        self,
-        tracker: &TrackerArgs,
-        frame: &Frame,
-        path: &Path,
-    ) -> Result<(), Failure> {
+    pub(super) fn check_frame(self, tracker: &TrackerArgs, frame: &Frame, path: &Path) -> Result<()> {
         if matches!(self, Self::Spherical(_)) && frame.registered.is_none() && tracker.tracker_mm.is_none() {
             return Err(usage!(
                 "{}: ranges and angles are in the tracker's frame; give --registration or --tracker-mm",
@@ -131,12 +125,12 @@ impl TrackerArgs {
     }
 
     /// The frame of --registration, if there is one.
-    pub(super) fn frame(&self) -> Result<Frame, Failure> {
+    pub(super) fn frame(&self) -> Result<Frame> {
         self.frame_of(self.registration.as_deref())
     }
 
     /// The frame of a registration file.
-    pub(super) fn frame_of(&self, registration: Option<&Path>) -> Result<Frame, Failure> {
+    pub(super) fn frame_of(&self, registration: Option<&Path>) -> Result<Frame> {
         if self.sigma_range_um.is_some() != self.sigma_angle_arcsec.is_some() {
             return Err(usage!("--sigma-range-um and --sigma-angle-arcsec belong together; give both"));
         }
@@ -152,7 +146,7 @@ impl TrackerArgs {
         Ok(frame)
     }
 
-    fn register(&self, path: &Path, frame: &Frame) -> Result<Registered, Failure> {
+    fn register(&self, path: &Path, frame: &Frame) -> Result<Registered> {
         let mut table = columns::open(path)?;
         let name = table.require("point")?;
         let machine = table.three(["machine_x_mm", "machine_y_mm", "machine_z_mm"])?;
@@ -188,11 +182,7 @@ impl Frame {
     }
 
     /// One point of the current row in M, with its covariance.
-    pub(super) fn read<R: BufRead>(
-        &self,
-        row: &Columns<R>,
-        columns: PointColumns,
-    ) -> Result<(Vec3, Mat3), Failure> {
+    pub(super) fn read(&self, row: &Columns, columns: PointColumns) -> Result<(Vec3, Mat3)> {
         let place = Place::read(row, columns)?;
         let covariance = self.covariance(&place, row.table.file())?;
         let turned = self.registered.as_ref().map_or(covariance, |r| r.fit.turn(&covariance));
@@ -200,7 +190,7 @@ impl Frame {
     }
 
     /// One point of the current row in M, whatever its noise.
-    pub(super) fn place<R: BufRead>(&self, row: &Columns<R>, columns: PointColumns) -> Result<Vec3, Failure> {
+    pub(super) fn place(&self, row: &Columns, columns: PointColumns) -> Result<Vec3> {
         Ok(self.in_machine(&Place::read(row, columns)?))
     }
 
@@ -213,7 +203,7 @@ impl Frame {
     }
 
     /// In the frame of the instrument.
-    fn covariance(&self, place: &Place, file: &str) -> Result<Mat3, Failure> {
+    fn covariance(&self, place: &Place, file: &str) -> Result<Mat3> {
         match (place, self.tracker) {
             (Place::Cartesian(_), _) => Ok(Mat3::identity() * self.cartesian),
             (Place::Spherical(o), Some(noise)) => Ok(o.covariance(&noise)),
@@ -231,7 +221,7 @@ enum Place {
 }
 
 impl Place {
-    fn read<R: BufRead>(row: &Columns<R>, columns: PointColumns) -> Result<Self, Failure> {
+    fn read(row: &Columns, columns: PointColumns) -> Result<Self> {
         let at = match columns {
             PointColumns::Cartesian(at) => return row.point(at).map(Self::Cartesian),
             PointColumns::Spherical(at) => at,

@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::Failure;
 use crate::arg_parsers::{above_zero, axis_letter, numbers, point};
 use crate::identify::case::CaseFile;
 use crate::identify::columns;
 use crate::identify::method::{Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
+use crate::{Failure, Result};
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
@@ -113,7 +113,7 @@ pub(crate) struct Plan {
 
 impl Plan {
     /// Reads and analyses the circles of a plane.
-    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path) -> Result<Self, Failure> {
+    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path) -> Result<Self> {
         let circles = read(setup, plane, path)?;
         let analysis = analyse(&circles, &request(setup, plane)).map_err(|e| Failure::data(path, e))?;
         Ok(Self { path: path.to_owned(), circles, analysis })
@@ -125,11 +125,11 @@ impl Method for Args {
         Front { file: None, json: self.json, model: Some(&self.out), writes_more: false, case_writes: false }
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         Err(file.bad("circles are tables"))
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let data = if self.data.is_empty() { &self.files } else { &self.data };
         for (i, (plane, _)) in data.iter().enumerate() {
             if data[..i].iter().any(|(p, _)| p == plane) {
@@ -160,7 +160,7 @@ impl Found for Outcome<'_> {
     }
 
     /// Squareness and curves that a static model can hold.
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         let (args, plans) = (self.args, &self.plans);
         let analyses: Vec<Analysis> = plans.iter().map(|p| p.analysis.clone()).collect();
         let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
@@ -199,7 +199,7 @@ fn request(args: &SetUp, plane: Plane) -> Request {
     Request { pitch: plane.axes().map(of), spike_time: args.spike_ms.map(|ms| ms / 1e3) }
 }
 
-fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles, Failure> {
+fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let mut table = columns::open(path)?;
     let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));

@@ -11,7 +11,7 @@ use super::case::{CaseArgs, CaseFile};
 use super::columns;
 use super::method::{Found, Front, Method, printed};
 use super::tracker_points::{Frame, PointColumns, TrackerArgs};
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::{not_negative, point};
 use crate::model_writer::{ModelWriter, data_error};
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
@@ -86,7 +86,7 @@ impl Method for Args {
         Front { writes_more: self.add_pose.is_some(), ..self.case.front(&self.model) }
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
         let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vec3::from(*p)).collect::<Vec<_>>();
         let (one, two) = (vectors(&case.points_1), vectors(&case.points_2));
@@ -103,7 +103,7 @@ impl Method for Args {
         Ok(printed(json_of(&found, stated), move || print(&found, stated)))
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let (Some(data), Some(tip)) = (self.case.data(&self.data), self.tip_beyond_mm) else {
             return Err(usage!("give --data and --tip-beyond-mm, or --input with a case"));
         };
@@ -151,7 +151,7 @@ impl Found for Outcome<'_> {
         self.frames.iter().filter_map(|f| f.registered.as_ref()).for_each(|r| r.print());
     }
 
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         if let Some(path) = &self.args.add_pose {
             out::add_pose(path, self.args, &self.axis)?;
         }
@@ -181,7 +181,7 @@ fn between(args: &Args, frame: &Frame, second: Option<&Frame>, circles: &[Vec<Ve
     g
 }
 
-fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>; 2]) -> Result<(), Failure> {
+fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>; 2]) -> Result<()> {
     let mut table = columns::open(path)?;
     let circle = table.require("circle")?;
     let at = PointColumns::find(&mut table, "").ok_or_else(|| {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::Args;
-use crate::Failure;
+use crate::Result;
 use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, axis_entry, default_chain, put};
@@ -18,7 +18,7 @@ pub(in crate::identify) const POSES: &str =
     "z_mm,c_deg,a_deg,tip_x_um,tip_y_um,tip_z_um,dir_x_arcsec,dir_y_arcsec,dir_z_arcsec";
 
 /// Adds a row; a new file gets its header.
-pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(), Failure> {
+pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<()> {
     let (Some(tip), Some(c), Some(a)) = (args.nominal_tip_mm, args.c_deg, args.a_deg) else {
         return Err(usage!("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
     };
@@ -43,7 +43,7 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
 }
 
 /// The location errors of the spindle, from the axis with the head at home.
-pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> Result<(), Failure> {
+pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> Result<()> {
     let Some(nominal_tip) = args.nominal_tip_mm else {
         return Err(usage!("--out needs --nominal-tip-mm: the tip as it should be"));
     };

@@ -14,7 +14,7 @@ use crate::files::read_model;
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
 use crate::positioning_data::{TestColumns, no_rows};
 use crate::units::{key, or_dash};
-use crate::{Failure, table};
+use crate::{Failure, Result, table};
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
@@ -70,11 +70,11 @@ impl Method for Args {
         self.case.front(&self.out)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         vector::run(self, file)
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let Some(path) = self.case.data(&self.data) else {
             return Err(usage!("give --data or --input"));
         };
@@ -103,7 +103,7 @@ struct Outcome<'a> {
 }
 
 impl<'a> Outcome<'a> {
-    fn of(args: &'a Args, path: &'a Path) -> Result<Self, Failure> {
+    fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
         let Some(size) = args.box_mm else {
             return Err(usage!("--box-mm is missing; give the sides of the box"));
         };
@@ -246,7 +246,7 @@ fn steps_residual(
 
 /// The readings of the CSV that `volcomp evaluate iso230-6` reads; a diagonal written with opposite signs is the same
 /// line from its other end.
-fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>, Failure> {
+fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
     let mut table = table::open(path)?;
     let name = table.require("diagonal")?;
     let columns = TestColumns::find(&table, &["diagonal", "t_s"])?;
@@ -380,7 +380,7 @@ impl Found for Outcome<'_> {
         say!("steps between the ends differ from the model by {:.2} um rms{verdict}", um(rms));
     }
 
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         let (args, spec) = (self.args, &self.spec);
         let mut model = args.out.base(|| spec.chain.to_string())?;
         if args.out.into.is_none() {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 
 use super::{Args, by_name};
-use crate::Failure;
+use crate::Result;
 use crate::identify::case::CaseFile;
 use crate::identify::method::{Found, printed};
 use volcomp_identify::diagonals::{DiagonalsError, SQUARENESS, Setup};
@@ -47,7 +47,7 @@ struct Holds {
     straightness: bool,
 }
 
-pub(super) fn run(args: &Args, file: CaseFile<'_>) -> Result<Box<dyn Found>, Failure> {
+pub(super) fn run(args: &Args, file: CaseFile<'_>) -> Result<Box<dyn Found>> {
     let case: Case = file.read()?;
     let bad = |e: DiagonalsError| file.bad(e);
     let chain = Chain::parse(&case.chain).map_err(|e| file.bad(format_args!("chain: {e}")))?;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::Failure;
+use crate::Result;
 use crate::input::{self, InputKind};
 use volcomp_identify::fivedof::resting::{Calibration, Estimate};
 use volcomp_identify::fivedof::{Channels, Detector, Head};
@@ -73,12 +73,12 @@ pub(super) struct HeadFile {
 }
 
 impl HeadFile {
-    pub(super) fn read(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
         Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
     }
 
-    fn parse(path: &Path, text: &str) -> Result<Self, Failure> {
+    fn parse(path: &Path, text: &str) -> Result<Self> {
         let wire: FileWire = toml::from_str(text).map_err(|e| mistake!(path, "{e}"))?;
         if wire.format != FORMAT {
             return Err(mistake!(path, "format is \"{}\", expected \"{FORMAT}\"", wire.format));

@@ -4,7 +4,6 @@ mod drift_check;
 mod head_file;
 mod resting;
 
-use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -15,9 +14,9 @@ use super::case::{CaseArgs, CaseFile};
 use super::columns::{self, Column, Columns};
 use super::method::{Found, Front, Method, printed};
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
-use crate::Failure;
 use crate::arg_parsers::linear_axis;
 use crate::units::{Units, column, key, or_dash};
+use crate::{Failure, Result};
 use volcomp_identify::Reading;
 use volcomp_identify::fivedof::align::{Aligned, Level, align};
 use volcomp_identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
@@ -100,7 +99,7 @@ impl Method for Args {
         self.case.front(&self.out.model)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
         let focal = [case.focal.f1, case.focal.f2, case.focal.f3];
         let head = Head::nominal(focal, [case.beam_1_yz, case.beam_2_yz]).map_err(|e| file.bad(e))?;
@@ -132,7 +131,7 @@ impl Method for Args {
         }))
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let (Some(path), Some(axis)) = (&self.calibration, self.axis) else {
             return Err(usage!("give --data or --resting with --calibration and --axis, or --input"));
         };
@@ -150,7 +149,7 @@ impl Method for Args {
 /// Columns of the ten channels.
 type ChannelColumns = [[Column; 2]; 5];
 
-fn channel_columns<R: BufRead>(table: &mut Columns<R>, axis: AxisName) -> Result<ChannelColumns, Failure> {
+fn channel_columns(table: &mut Columns, axis: AxisName) -> Result<ChannelColumns> {
     let mut columns = Vec::with_capacity(5);
     for detector in Detector::ALL {
         let [a, b] = lateral(axis).map(|letter| format!("{}_{letter}_um", detector.name()));
@@ -159,7 +158,7 @@ fn channel_columns<R: BufRead>(table: &mut Columns<R>, axis: AxisName) -> Result
     Ok(core::array::from_fn(|i| columns[i]))
 }
 
-fn read_channels<R: BufRead>(row: &Columns<R>, columns: &ChannelColumns) -> Result<Channels, Failure> {
+fn read_channels(row: &Columns, columns: &ChannelColumns) -> Result<Channels> {
     let mut channels = [[0.0; 2]; 5];
     for (value, column) in channels.as_flattened_mut().iter_mut().zip(columns.as_flattened()) {
         *value = row.value(*column)?;
@@ -179,7 +178,7 @@ struct Run {
     level: Level,
 }
 
-fn read_run(path: &Path, axis: AxisName) -> Result<Run, Failure> {
+fn read_run(path: &Path, axis: AxisName) -> Result<Run> {
     let mut table = columns::open(path)?;
     let (at, distance) = (table.run("position_mm")?, table.require("distance_mm")?);
     let channels = channel_columns(&mut table, axis)?;
@@ -204,7 +203,7 @@ fn read_run(path: &Path, axis: AxisName) -> Result<Run, Failure> {
 }
 
 /// Change of the level from the lowest to the highest position.
-fn level_of(path: &Path, rows: &[Reading], levels: &[(f64, f64)]) -> Result<Level, Failure> {
+fn level_of(path: &Path, rows: &[Reading], levels: &[(f64, f64)]) -> Result<Level> {
     if levels.is_empty() {
         return Ok(Level::None);
     }
@@ -239,7 +238,7 @@ struct Outcome<'a> {
 }
 
 impl<'a> Outcome<'a> {
-    fn of(args: &'a Args, axis: AxisName, path: &Path, file: HeadFile) -> Result<Self, Failure> {
+    fn of(args: &'a Args, axis: AxisName, path: &Path, file: HeadFile) -> Result<Self> {
         let (run, head) = (read_run(path, axis)?, &file.head);
         if file.calibrated_from.is_none() {
             note!(
@@ -323,7 +322,7 @@ impl Found for Outcome<'_> {
         self.check.iter().for_each(DriftCheck::print);
     }
 
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         self.args.out.write(self.axis, &self.measured, None, &self.origin)
     }
 }

@@ -6,10 +6,10 @@ use serde_json::{Value, json};
 
 use super::head_file::HeadFile;
 use super::{Args, channel_columns, read_channels, see_help};
-use crate::Failure;
 use crate::files::write_text;
 use crate::identify::columns;
 use crate::input::{self, InputKind};
+use crate::{Failure, Result};
 use volcomp_identify::fivedof::resting::{Calibration, Estimate, RestingReading, calibrate};
 use volcomp_identify::fivedof::{Detector, lateral};
 use volcomp_units::arcsec_from_rad;
@@ -21,7 +21,7 @@ pub(super) fn calibrated(
     axis: AxisName,
     path: &Path,
     file: &mut HeadFile,
-) -> Result<Calibration, Failure> {
+) -> Result<Calibration> {
     let mut table = columns::open(path)?;
     let distance = table.require("distance_mm")?;
     let channels = channel_columns(&mut table, axis)?;

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::Failure;
 use crate::identify::motion_curves::read_motions;
 use crate::units::{Units, or_dash};
+use crate::{Failure, Result};
 use volcomp_identify::motion::{Gauged, means, symbols};
 use volcomp_model::Component;
 use volcomp_units::axes::AxisName;
@@ -28,7 +28,7 @@ pub(super) struct Comparison {
 const SAME_POSITION: f64 = 1e-3;
 
 impl Comparison {
-    pub(super) fn with(path: &Path, axis: AxisName, gauged: &Gauged) -> Result<Self, Failure> {
+    pub(super) fn with(path: &Path, axis: AxisName, gauged: &Gauged) -> Result<Self> {
         let other = read_motions(path, axis)?;
         let (positions, own) = means(&gauged.rows);
         let per_position = gauged.rows.len() as f64 / positions.len() as f64;

@@ -13,7 +13,7 @@ use super::case::{CaseArgs, CaseFile, refused, rows};
 use super::columns;
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::model_writer::{data_error, default_chain};
 use crate::units::Units;
@@ -151,7 +151,7 @@ impl Method for Args {
         self.curves.front(&self.case)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
         let readings = case.readings().map_err(|e| file.bad(e))?;
         match solve(&readings) {
@@ -163,7 +163,7 @@ impl Method for Args {
         }
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let data = self.case.all(&self.data);
         let (Some(lines), Some(axis), false) = (&self.lines, self.axis, data.is_empty()) else {
             return Err(usage!("give --lines, --axis and --data, or --input with a case"));
@@ -201,7 +201,7 @@ fn solve_stops(
     reference: &Vec3,
     sign: f64,
     files: &[PathBuf],
-) -> Result<(Vec<MotionRow>, Vec<NineLine>), Failure> {
+) -> Result<(Vec<MotionRow>, Vec<NineLine>)> {
     let one = |stop: &Stop| {
         let (position, cycle, travel) = (stop.position, stop.cycle, stop.travel);
         let found = solve(&stop.readings)
@@ -212,7 +212,7 @@ fn solve_stops(
     stops.iter().map(one).collect::<Result<Vec<_>, _>>().map(|all| all.into_iter().unzip())
 }
 
-fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>, Failure> {
+fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>> {
     let mut table = columns::open(path)?;
     let (name, at) = (table.require("line")?, table.three(["x_mm", "y_mm", "z_mm"])?);
     let mut lines: Vec<(String, Vec3)> = Vec::new();
@@ -227,12 +227,7 @@ fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>, Failure> {
     if lines.is_empty() { Err(data!(path, "no lines below the header")) } else { Ok(lines) }
 }
 
-fn read_readings(
-    path: &Path,
-    lines: &[(String, Vec3)],
-    sigmas: &[f64; 3],
-    stops: &mut Stops,
-) -> Result<(), Failure> {
+fn read_readings(path: &Path, lines: &[(String, Vec3)], sigmas: &[f64; 3], stops: &mut Stops) -> Result<()> {
     let mut table = columns::open(path)?;
     let run = table.run("position_mm")?;
     let names: Vec<String> =

@@ -9,7 +9,7 @@ use super::case::{CaseArgs, CaseFile, refused, rows};
 use super::columns;
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::files::read_model;
 use crate::model_writer::{data_error, default_chain};
@@ -121,7 +121,7 @@ impl Method for Args {
         self.curves.front(&self.case)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
         let head = Head {
             a_axis: Vec3::from(case.head.A_axis_from_Z_reference),
@@ -150,7 +150,7 @@ impl Method for Args {
         }
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let (data, axis) = (self.case.all(&self.data), self.axis);
         let (Some(a_axis), Some(tool_length), false) = (self.a_axis_mm, self.tool_length_mm, data.is_empty())
         else {
@@ -253,7 +253,7 @@ fn warn(fits: &[RamFit]) {
 
 impl Args {
     /// The poses by position of the ram, what the head does taken off.
-    fn stops(&self, head: &Head) -> Result<Vec<Stop>, Failure> {
+    fn stops(&self, head: &Head) -> Result<Vec<Stop>> {
         let mut stops = Vec::new();
         for path in self.case.all(&self.data) {
             poses(path, &mut stops)?;
@@ -265,7 +265,7 @@ impl Args {
     }
 
     /// One position of the ram makes no curve.
-    fn single(&self, fits: Vec<RamFit>) -> Result<Box<dyn Found>, Failure> {
+    fn single(&self, fits: Vec<RamFit>) -> Result<Box<dyn Found>> {
         if self.curves.model.target().is_some() {
             let what = format_args!(
                 "all poses are at one position of {}; a model needs at least two (column z_mm)",
@@ -277,7 +277,7 @@ impl Args {
     }
 
     /// Mean and standard deviations of the prior.
-    fn prior(&self) -> Result<Option<PriorSource>, Failure> {
+    fn prior(&self) -> Result<Option<PriorSource>> {
         let Some(angle) = self.prior_std_arcsec else { return Ok(None) };
         let angle = rad_from_arcsec(angle);
         let length = self.prior_std_um.map_or(f64::INFINITY, mm_from_um);
@@ -286,7 +286,7 @@ impl Args {
     }
 }
 
-fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<(), Failure> {
+fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<()> {
     let mut table = columns::open(path)?;
     let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find(name));
     let (c, a) = (table.require("c_deg")?, table.require("a_deg")?);
@@ -311,11 +311,10 @@ fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<(), Failure> {
 }
 
 /// Takes off what the rotary axes of a model do: first order, ram at home.
-fn take_off_head(path: &Path, head: &Head, stops: &mut [Stop]) -> Result<(), Failure> {
+fn take_off_head(path: &Path, head: &Head, stops: &mut [Stop]) -> Result<()> {
     let (mut spec, _) = read_model(path)?;
     spec.errors.retain(|(symbol, _)| symbol.axis().kind() == AxisKind::Rotary);
-    let model = Model::new(&spec)
-        .map_err(|e| mistake!(path, "{e}"))?;
+    let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
     for pose in stops.iter_mut().flat_map(|s| &mut s.poses) {
         let of_head = model.deviation(&model.pose_of(&[(AxisName::C, pose.c), (AxisName::A, pose.a)]));
         pose.tip_error -= of_head.position;

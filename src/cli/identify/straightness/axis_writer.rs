@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::{one_of, point};
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::{Fitted, print_notes, table};
@@ -105,7 +105,7 @@ impl AxisWriter {
         measured: &[Measured],
         moved: Option<Vec3>,
         origin: &Origin,
-    ) -> Result<String, Failure> {
+    ) -> Result<String> {
         let mut model = self.model.base(|| default_chain([axis]))?;
         if model.spec.chain.index_of(axis).is_none() {
             let chain = &model.spec.chain;
@@ -158,7 +158,7 @@ impl AxisWriter {
         axis: AxisName,
         primed: bool,
         replaced: &[ErrorSymbol],
-    ) -> Result<(Sense, Sense), Failure> {
+    ) -> Result<(Sense, Sense)> {
         let measured = match self.sense {
             Some(sense) => sense,
             None if !primed => Sense::Relative,

@@ -3,7 +3,6 @@
 pub(super) mod axis_writer;
 mod sign_file;
 
-use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -16,7 +15,7 @@ use super::method::{Found, Front, Method, printed};
 use crate::arg_parsers::{linear_axis, point};
 use crate::files::write_text;
 use crate::units::{Units, column, key};
-use crate::{EX_CONFIG, Failure};
+use crate::{EX_CONFIG, Failure, Result};
 use volcomp_identify::Reading;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
 use volcomp_identify::straightness::{Line, Rule, levers};
@@ -64,7 +63,7 @@ impl Method for Args {
         self.case.front(&self.out.model)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
         let mut lines = Vec::with_capacity(3);
         for rule in Rule::ALL {
@@ -92,7 +91,7 @@ impl Method for Args {
         }))
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let tilts = self.tilt_test.as_deref().map(read_tilt_test).transpose()?;
         let Some(axis) = self.axis else {
             return Err(usage!("--axis is missing; say which axis moved"));
@@ -134,7 +133,7 @@ struct ErrorFigures {
 }
 
 impl ErrorFigures {
-    fn of(m: &Measured, axis: AxisName) -> Result<Self, Failure> {
+    fn of(m: &Measured, axis: AxisName) -> Result<Self> {
         let (symbol, (x, y)) = (m.symbol(axis), means(&m.readings));
         let mut lines = Vec::new();
         if !symbol.is_angle() && m.component.index() != axis.direction() {
@@ -183,7 +182,7 @@ impl Found for Outcome<'_> {
         }
     }
 
-    fn write(&self) -> Result<String, Failure> {
+    fn write(&self) -> Result<String> {
         self.args.out.write(self.axis, &self.run, self.args.base_point_mm, &self.origin)
     }
 }
@@ -193,12 +192,7 @@ fn mistake(what: impl core::fmt::Display) -> Failure {
 }
 
 /// Compares a tilt test with the table, or makes the table from it.
-fn confirm(
-    args: &Args,
-    axis: AxisName,
-    file: &mut SignFile,
-    found: &[Option<TiltFound>; 6],
-) -> Result<(), Failure> {
+fn confirm(args: &Args, axis: AxisName, file: &mut SignFile, found: &[Option<TiltFound>; 6]) -> Result<()> {
     let tilt_name = args
         .tilt_test
         .as_deref()
@@ -240,7 +234,7 @@ fn confirm(
 }
 
 /// The sign table for a run; refused where its parity is impossible and nothing proves it.
-fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<SignTable, Failure> {
+fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<SignTable> {
     let path = args.signs.as_deref().or(args.tilt_test.as_deref()).unwrap_or(Path::new("--signs"));
     let Some(file) = signs else {
         return Err(usage!(
@@ -282,12 +276,7 @@ struct Readings {
 }
 
 impl Readings {
-    fn find<R: BufRead>(
-        table: &mut Columns<R>,
-        axis: AxisName,
-        args: &Args,
-        signs: Option<&SignFile>,
-    ) -> Result<Self, Failure> {
+    fn find(table: &mut Columns, axis: AxisName, args: &Args, signs: Option<&SignFile>) -> Result<Self> {
         let run = table.run("position_mm")?;
         let channels = ChannelColumns::find(table);
         // columns such as `eyx_um` of this axis
@@ -322,7 +311,7 @@ impl Readings {
     }
 
     /// The current row: place and direction, and the motion in machine directions.
-    fn read<R: BufRead>(&self, row: &Columns<R>) -> Result<(Reading, [Option<f64>; 6]), Failure> {
+    fn read(&self, row: &Columns) -> Result<(Reading, [Option<f64>; 6])> {
         let mut motion = [None; 6];
         match &self.signs {
             Some(t) => motion = t.apply(&self.channels.read(row)?),
@@ -337,12 +326,7 @@ impl Readings {
 }
 
 /// Reads a run in machine directions, moved to the base point where wanted.
-fn read_run(
-    path: &Path,
-    axis: AxisName,
-    args: &Args,
-    signs: Option<&SignFile>,
-) -> Result<Vec<Measured>, Failure> {
+fn read_run(path: &Path, axis: AxisName, args: &Args, signs: Option<&SignFile>) -> Result<Vec<Measured>> {
     let mut table = columns::open(path)?;
     let columns = Readings::find(&mut table, axis, args, signs)?;
     let mut rows = table.some_rows(|row| columns.read(row))?;
@@ -365,7 +349,7 @@ fn move_to_base(
     axis: AxisName,
     base: Vec3,
     rows: &mut [(Reading, [Option<f64>; 6])],
-) -> Result<(), Failure> {
+) -> Result<()> {
     let points = args.out.points(axis);
     for (_, motion) in rows {
         let mut full = [0.0; 6];

@@ -1,11 +1,10 @@
 //! The sign table of a 6D instrument, `volcomp-6d/1` (TOML), and its tilt test (CSV).
 
-use std::io::BufRead;
 use std::path::Path;
 
-use crate::Failure;
 use crate::identify::columns::{self, Column, Columns};
 use crate::input::{self, InputKind};
+use crate::{Failure, Result};
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
@@ -57,12 +56,12 @@ pub(super) struct SignFile {
 
 impl SignFile {
     /// Reads and checks a file; every set-up must be a proper mapping and all must have the parity of one instrument.
-    pub(super) fn read(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
         Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
     }
 
-    fn parse(path: &Path, text: &str) -> Result<Self, Failure> {
+    fn parse(path: &Path, text: &str) -> Result<Self> {
         let wire: FileWire = toml::from_str(text).map_err(|e| mistake!(path, "{e}"))?;
         if wire.format != FORMAT {
             let what = format!("format is \"{}\", expected \"{FORMAT}\"", wire.format);
@@ -102,7 +101,7 @@ impl SignFile {
     }
 
     /// The handedness of an angle belongs to the instrument, not to the set-up.
-    fn one_parity(&self, path: &Path) -> Result<(), Failure> {
+    fn one_parity(&self, path: &Path) -> Result<()> {
         for i in 0..3 {
             let mut known: Option<(AxisName, bool)> = None;
             for s in &self.set_ups {
@@ -125,7 +124,7 @@ impl SignFile {
     }
 
     /// The set-up of an axis.
-    pub(super) fn set_up(&self, axis: AxisName, path: &Path) -> Result<&SetUp, Failure> {
+    pub(super) fn set_up(&self, axis: AxisName, path: &Path) -> Result<&SetUp> {
         self.set_ups.iter().find(|s| s.axis == axis).ok_or_else(|| {
             mistake!(path, "no section [{}] for the set-up along axis {axis}; add it", axis.lower())
         })
@@ -173,7 +172,7 @@ fn column_name(channel: Channel) -> String {
 }
 
 impl ChannelColumns {
-    pub(super) fn find<R: BufRead>(table: &mut Columns<R>) -> Self {
+    pub(super) fn find(table: &mut Columns) -> Self {
         Self(Channel::ALL.map(|c| table.find(&column_name(c))))
     }
 
@@ -182,7 +181,7 @@ impl ChannelColumns {
     }
 
     /// The channels of the current row in mm and rad; 0 where the instrument has none.
-    pub(super) fn read<R: BufRead>(&self, row: &Columns<R>) -> Result<[f64; 6], Failure> {
+    pub(super) fn read(&self, row: &Columns) -> Result<[f64; 6]> {
         let mut values = [0.0; 6];
         for (value, column) in values.iter_mut().zip(self.0) {
             *value = row.value_or(column, 0.0)?;
@@ -192,14 +191,13 @@ impl ChannelColumns {
 }
 
 /// Runs a tilt test from a file.
-pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6], Failure> {
+pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6]> {
     let mut table = columns::open(path)?;
     let applied = ["x_um", "y_um", "z_um", "a_arcsec", "b_arcsec", "c_arcsec"];
     let applied = ChannelColumns(applied.map(|name| table.find(&format!("applied_e{name}"))));
     let channels = ChannelColumns::find(&mut table);
     table.only(|_| format!("columns are {}", table.known().join(", ")))?;
-    let read =
-        |row: &Columns<_>| Ok(TiltReading { applied: applied.read(row)?, channels: channels.read(row)? });
+    let read = |row: &Columns| Ok(TiltReading { applied: applied.read(row)?, channels: channels.read(row)? });
     tilt_test(&table.rows(read)?, channels.has()).map_err(|e| Failure::data(path, e))
 }
 

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use crate::Failure;
+use crate::Result;
 use crate::identify::case::{CaseFile, refused, rows};
 use crate::identify::method::{Found, printed};
 use crate::units::Units;
@@ -25,7 +25,7 @@ struct Case {
     sigma_angle: Option<f64>,
 }
 
-pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<Box<dyn Found>, Failure> {
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<Box<dyn Found>> {
     let case: Case = file.read()?;
     let seen = case.seen().map_err(|e| file.bad(e))?;
     let platform: Vec<Vec3> = case.points_platform.iter().map(|p| Vec3::from(*p)).collect();

@@ -11,7 +11,7 @@ use super::case::{CaseArgs, CaseFile};
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Origin};
 use super::tracker_points::{Frame, TrackerArgs};
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::{linear_axis, point};
 use crate::model_writer::{data_error, default_chain};
 use volcomp_identify::motion::to_relative;
@@ -61,11 +61,11 @@ impl Method for Args {
         self.curves.front(&self.case)
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         case::run(file, self.case.json)
     }
 
-    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         if self.plan.plan {
             return plan::run(self).map(Some);
         }
@@ -105,7 +105,7 @@ impl Method for Args {
 }
 
 /// Distances between the points over all rows of all files.
-fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>, Failure> {
+fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>> {
     let (mut poses, mut names) = (Vec::new(), Vec::new());
     for path in data {
         poses.extend(read::poses(path, frame, &mut names)?);

@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 
 use super::{Args, read};
-use crate::Failure;
 use crate::arg_parsers::{above_zero, not_negative, numbers};
 use crate::identify::method::{Found, printed};
 use crate::model_writer::default_chain;
+use crate::{Failure, Result};
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
 use volcomp_model::geometry::Vec3;
 use volcomp_units::axes::AxisName;
@@ -55,7 +55,7 @@ fn confidence(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("invalid confidence '{text}'; expected 50 to 99.9999"))
 }
 
-pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>, Failure> {
+pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>> {
     let p = &args.plan;
     let (Some(points), Some(axis), Some([low, high]), Some(station), Some(target)) =
         (&args.points, args.axis, p.travel_mm, args.tracker.station(), p.target_arcsec)

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::Failure;
 use crate::identify::columns;
 use crate::identify::tracker_points::{Frame, PointColumns, TrackerArgs};
+use crate::{Failure, Result};
 use volcomp_identify::threepoint::{Seen, Shot};
 use volcomp_model::geometry::Vec3;
 
@@ -12,7 +12,7 @@ use volcomp_model::geometry::Vec3;
 const ENDINGS: [&str; 6] = ["_x_mm", "_y_mm", "_z_mm", "_range_mm", "_azimuth_deg", "_elevation_deg"];
 
 /// Names and platform coordinates.
-pub(super) fn points(path: &Path) -> Result<Vec<(String, Vec3)>, Failure> {
+pub(super) fn points(path: &Path) -> Result<Vec<(String, Vec3)>> {
     let mut table = columns::open(path)?;
     let (name, at) = (table.require("point")?, table.three(["x_mm", "y_mm", "z_mm"])?);
     let mut points: Vec<(String, Vec3)> = Vec::new();
@@ -36,7 +36,7 @@ pub(super) fn shots(
     points: &[(String, Vec3)],
     frame: &Frame,
     tracker: &TrackerArgs,
-) -> Result<Vec<Shot>, Failure> {
+) -> Result<Vec<Shot>> {
     let mut table = columns::open(path)?;
     let run = table.run("position_mm")?;
     let mut columns = Vec::with_capacity(points.len());
@@ -64,11 +64,7 @@ pub(super) fn shots(
 }
 
 /// The points of every row, whatever their names; `names` grows with the files.
-pub(super) fn poses(
-    path: &Path,
-    frame: &Frame,
-    names: &mut Vec<String>,
-) -> Result<Vec<Vec<Option<Vec3>>>, Failure> {
+pub(super) fn poses(path: &Path, frame: &Frame, names: &mut Vec<String>) -> Result<Vec<Vec<Option<Vec3>>>> {
     let mut table = columns::open(path)?;
     let mut columns: Vec<(usize, PointColumns)> = Vec::new();
     for column in table.table.columns().to_vec() {
