@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::case::CaseFile;
 use super::columns::{self, Column, hint};
 use super::method::{Found, Front, Method};
 use crate::arg_parsers::{axis_letter, one_of};
@@ -109,10 +108,6 @@ fn assignment(text: &str) -> Result<(AxisName, PathBuf), String> {
 impl Method for Args {
     fn front(&self) -> Front<'_> {
         Front { file: None, json: self.json, model: Some(&self.out), writes_more: false, case_writes: false }
-    }
-
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
-        Err(file.bad("steps are tables"))
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {

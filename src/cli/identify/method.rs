@@ -24,8 +24,10 @@ pub(super) struct Front<'a> {
 pub(super) trait Method {
     fn front(&self) -> Front<'_>;
 
-    /// What a case of the reference vectors gives.
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>>;
+    /// What a case of the reference vectors gives, where the method takes cases.
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        Err(file.bad("this method takes no cases"))
+    }
 
     /// What the files of the instrument give; `None` where there is nothing to print.
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>>;

@@ -7,6 +7,7 @@ pub(crate) mod ballbar;
 mod case;
 mod circles;
 pub(crate) mod columns;
+mod curve_fits;
 mod diagonals;
 mod fits;
 mod fivedof;

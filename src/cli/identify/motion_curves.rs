@@ -7,20 +7,21 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::columns;
+use super::curve_fits::CurveFits;
 use super::method::{Found, Front};
 use crate::Result;
 use crate::arg_parsers::one_of;
 use crate::files::write_text;
 use crate::fit::basis::{Auto, BASES};
-use crate::fit::report::{Fitted, comments, print_notes, table};
-use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, put};
+use crate::fit::report::comments;
+use crate::model_writer::{ModelWriter, axis_entry, data_error};
 use crate::units::{Units, column};
 use volcomp_config::ModelFile;
-use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::curve::Basis;
 use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_model::{Component, ErrorFunction, Sense};
+use volcomp_model::{Component, Sense};
 use volcomp_units::arcsec_from_rad;
 use volcomp_units::axes::{AxisName, Travel};
 
@@ -143,52 +144,35 @@ impl Found for Motions<'_> {
         if self.args.model.target().is_none() {
             return Ok(String::new());
         }
-        let (origin, fitted) = (&self.origin, self.fit()?);
-        let sources = Sources::of(&origin.files);
-        let mut comment = comments(&format!("identify {}", origin.method), &sources, &fitted);
+        let (origin, rows) = (&self.origin, &self.gauged.rows);
+        let mut fits = CurveFits::new(self.base.clone(), &origin.files);
+        for symbol in symbols(origin.axis) {
+            let component = symbol.component();
+            // the scatter about the curve holds noise and what the curve misses; without it, the noise alone
+            let std = |rmse: Option<f64>| rmse.or(Some(self.gauged.std(component)));
+            let from = fits.sources.provenance();
+            fits.add(symbol, self.gauged.readings(component), self.args.basis, std, from)?;
+        }
+        let axis = axis_entry(&mut fits.model.spec, origin.axis);
+        // all six of the axis are new, and they are in this sense
+        axis.sense = Sense::Relative;
+        let point = ReferencePoint { point: origin.reference, body: ReferenceBody::Carriage };
+        axis.reference_points = [point; 3];
+        axis.travel.get_or_insert_with(|| {
+            let ends = |f: fn(f64, f64) -> f64, from| rows.iter().fold(from, |m, r| f(m, r.position));
+            [ends(f64::min, f64::MAX), ends(f64::max, f64::MIN)]
+        });
+        let mut comment = comments(&format!("identify {}", origin.method), &fits.sources, &fits.fitted);
         let r = origin.reference;
         comment.push(format!(
             "{}: zero at {} mm, reference point of EX EY EZ ({:.3} {:.3} {:.3}) mm in M at home",
             origin.axis, self.gauged.reference_position, r.x, r.y, r.z
         ));
-        self.args.model.write(&self.model(&fitted, &sources), &comment, &origin.files)?;
-        print_notes(&fitted);
-        Ok(format!("\n{}", table(&fitted)))
+        Ok(format!("\n{}", fits.write(&self.args.model, &comment)?))
     }
 }
 
 impl Motions<'_> {
-    fn fit(&self) -> Result<Vec<Fitted>> {
-        let request = Request { basis: self.args.basis, ..Request::default() };
-        let one = |symbol: volcomp_model::ErrorSymbol| {
-            let readings = self.gauged.readings(symbol.component());
-            let fit = curve::fit(&readings, &request)
-                .map_err(|e| data_error(&self.origin.files, format_args!("{symbol}: {e}")))?;
-            Ok(Fitted::new(symbol, readings.into(), fit))
-        };
-        symbols(self.origin.axis).into_iter().map(one).collect()
-    }
-
-    fn model(&self, fitted: &[Fitted], sources: &Sources) -> ModelFile {
-        let (mut model, rows) = (self.base.clone(), &self.gauged.rows);
-        for f in fitted {
-            // the scatter about the curve holds noise and what the curve misses; without it, the noise alone
-            let std = f.fit.figures.rmse_dof.or(Some(self.gauged.std(f.symbol.component())));
-            let function = ErrorFunction { std, ..ErrorFunction::single(f.fit.curve.clone()) };
-            put(&mut model, f.symbol, function, sources.provenance());
-        }
-        let axis = axis_entry(&mut model.spec, self.origin.axis);
-        // all six of the axis are new, and they are in this sense
-        axis.sense = Sense::Relative;
-        axis.reference_points =
-            [ReferencePoint { point: self.origin.reference, body: ReferenceBody::Carriage }; 3];
-        axis.travel.get_or_insert_with(|| {
-            let ends = |f: fn(f64, f64) -> f64, from| rows.iter().fold(from, |m, r| f(m, r.position));
-            [ends(f64::min, f64::MAX), ends(f64::max, f64::MIN)]
-        });
-        model
-    }
-
     /// One row per reading, as `volcomp fit` takes it.
     fn table(&self) -> String {
         let (origin, r) = (&self.origin, self.origin.reference);

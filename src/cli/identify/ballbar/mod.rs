@@ -7,18 +7,17 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use crate::arg_parsers::{above_zero, axis_letter, numbers, point};
-use crate::identify::case::CaseFile;
 use crate::identify::columns;
 use crate::identify::method::{Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use crate::{Failure, Result};
 use volcomp_config::{ModelFile, Provenance};
+use volcomp_identify::assemble::mirrored_curve;
 use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
 };
-use volcomp_model::curve::{CurveError, Table};
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Sense};
+use volcomp_model::{ErrorFunction, ErrorSymbol, Sense};
 use volcomp_units::axes::AxisName;
 use volcomp_units::{mm_from_um, rad_from_deg};
 
@@ -125,10 +124,6 @@ impl Method for Args {
         Front { file: None, json: self.json, model: Some(&self.out), writes_more: false, case_writes: false }
     }
 
-    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
-        Err(file.bad("circles are tables"))
-    }
-
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let data = if self.data.is_empty() { &self.files } else { &self.data };
         for (i, (plane, _)) in data.iter().enumerate() {
@@ -164,8 +159,8 @@ impl Found for Outcome<'_> {
         let (args, plans) = (self.args, &self.plans);
         let analyses: Vec<Analysis> = plans.iter().map(|p| p.analysis.clone()).collect();
         let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
-        let bad = |e: CurveError| data_error(&files, e);
-        let found = assemble(&analyses, args.length_std_um.map(mm_from_um)).map_err(bad)?;
+        let found =
+            assemble(&analyses, args.length_std_um.map(mm_from_um)).map_err(|e| data_error(&files, e))?;
         if found.is_empty() {
             note!("note: no squareness, scale, straightness, backlash or cyclic error is significant");
         }
@@ -179,7 +174,7 @@ impl Found for Outcome<'_> {
                     one.symbol
                 );
             }
-            store(&mut model, one, sources.provenance()).map_err(bad)?;
+            store(&mut model, one, sources.provenance());
         }
         if model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant()) {
             note!(
@@ -220,30 +215,20 @@ fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
 }
 
 /// Puts an error into the model, in the sense of its axis.
-fn store(model: &mut ModelFile, found: &Assembled, from: Provenance) -> Result<(), CurveError> {
+fn store(model: &mut ModelFile, found: &Assembled, from: Provenance) {
     let axis = found.symbol.axis();
     let carriage = model.spec.axis(axis).sense == Sense::Carriage && model.spec.is_workpiece_side(axis);
-    let curve = match (&found.curve, found.symbol) {
-        (Curve::Table(table), ErrorSymbol::Motion { .. }) if carriage => Curve::Table(mirrored(table)?),
-        (curve, _) => curve.clone(),
-    };
+    let mirrors = carriage && matches!(found.symbol, ErrorSymbol::Motion { .. });
+    let curve = if mirrors { mirrored_curve(&found.curve) } else { found.curve.clone() };
     put(model, found.symbol, ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) }, from);
     axis_entry(&mut model.spec, axis);
-    Ok(())
-}
-
-/// `E_carriage(x) = -E_relative(-x)`; travel towards plus of one is towards minus of the other.
-fn mirrored(table: &Table) -> Result<Table, CurveError> {
-    let (positions, forward, reverse) = table.columns();
-    let flip = |v: &[f64]| v.iter().rev().map(|x| -x).collect::<Vec<f64>>();
-    let other = reverse.unwrap_or(forward);
-    Table::new(flip(positions), flip(other), reverse.map(|_| flip(forward)), table.interpolation())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_model::curve::Interpolation;
+    use volcomp_model::Curve;
+    use volcomp_model::curve::{Interpolation, Table};
     use volcomp_units::axes::Travel;
 
     #[test]
@@ -264,7 +249,7 @@ mod tests {
             Interpolation::Linear,
         )
         .unwrap();
-        let carriage = mirrored(&relative).unwrap();
+        let carriage = mirrored_curve(&Curve::Table(relative.clone()));
         for x in [0.0, 50.0, 100.0, 250.0, 300.0] {
             assert_eq!(carriage.value(-x, Travel::Reverse), -relative.value(x, Travel::Forward));
             assert_eq!(carriage.value(-x, Travel::Forward), -relative.value(x, Travel::Reverse));

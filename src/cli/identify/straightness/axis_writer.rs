@@ -6,18 +6,19 @@ use std::path::PathBuf;
 use crate::Result;
 use crate::arg_parsers::{one_of, point};
 use crate::fit::basis::{Auto, BASES};
-use crate::fit::report::{Fitted, print_notes, table};
-use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
+use crate::fit::report::Fitted;
+use crate::identify::curve_fits::CurveFits;
+use crate::model_writer::{ModelWriter, axis_entry, default_chain};
 use crate::units::Units;
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
-use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::curve::Basis;
 use volcomp_identify::reading::group_by_position;
 use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
 use volcomp_identify::straightness::{Line, Rule};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ModelSpec, ReferencePoint, Sense};
+use volcomp_model::{Component, ErrorSymbol, ModelSpec, ReferencePoint, Sense};
 use volcomp_units::axes::{AxisName, Travel};
 
 /// How a run becomes curves of a model.
@@ -106,7 +107,7 @@ impl AxisWriter {
         moved: Option<Vec3>,
         origin: &Origin,
     ) -> Result<String> {
-        let mut model = self.model.base(|| default_chain([axis]))?;
+        let model = self.model.base(|| default_chain([axis]))?;
         if model.spec.chain.index_of(axis).is_none() {
             let chain = &model.spec.chain;
             return Err(usage!("axis {axis} is not in the chain {chain}; correct --axis or --chain"));
@@ -114,8 +115,7 @@ impl AxisWriter {
         let primed = model.spec.is_workpiece_side(axis);
         let symbols: Vec<ErrorSymbol> = measured.iter().map(|m| m.symbol(axis)).collect();
         let (measured_sense, stored) = self.senses(&model.spec, axis, primed, &symbols)?;
-        let sources = Sources::of(&origin.files);
-        let mut fitted = Vec::with_capacity(measured.len());
+        let mut fits = CurveFits::new(model, &origin.files);
         for (m, symbol) in measured.iter().zip(symbols) {
             let mut readings = gauged(m.readings.clone(), m.component, axis, self.rule);
             if primed {
@@ -128,27 +128,20 @@ impl AxisWriter {
             }
             // only a table holds two directions
             let both = Some(Basis::Table).filter(|_| judged.keeps_both());
-            let request = Request { basis: self.basis.or(both), ..Request::default() };
-            let fit = curve::fit(&readings, &request)
-                .map_err(|e| data_error(&origin.files, format_args!("{symbol}: {e}")))?;
-            let std = fit.figures.rmse_dof.into_iter().chain(m.std).reduce(f64::max);
-            let function = ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) };
+            let std = |rmse: Option<f64>| rmse.into_iter().chain(m.std).reduce(f64::max);
             // sign table and tilt test are no data of the curve
-            let from =
-                Provenance { instrument: origin.instrument.clone(), ..sources.only(|i| i == 0).provenance() };
-            put(&mut model, symbol, function, from);
-            fitted.push(Fitted::new(symbol, readings.into(), fit));
+            let own = fits.sources.only(|i| i == 0).provenance();
+            let from = Provenance { instrument: origin.instrument.clone(), ..own };
+            fits.add(symbol, readings, self.basis.or(both), std, from)?;
         }
-        self.place(&mut model.spec, axis, &fitted, moved, stored);
-        print_notes(&fitted);
-        let mut comment = sources.heading(&format!("identify {}", origin.method));
+        self.place(&mut fits.model.spec, axis, &fits.fitted, moved, stored);
+        let mut comment = fits.sources.heading(&format!("identify {}", origin.method));
         comment.push(format!(
             "axis {axis}: measured in the {} sense, straightness about the {} line",
             name_of(measured_sense),
             self.rule.name().replace('_', "-")
         ));
-        self.model.write(&model, &comment, &origin.files)?;
-        Ok(table(&fitted))
+        fits.write(&self.model, &comment)
     }
 
     /// Measured and stored sense; for a tool-side axis they are the same thing.
@@ -220,27 +213,19 @@ const fn name_of(sense: Sense) -> &'static str {
 fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
     let Units { value: unit, of_value, .. } = Units::of(symbol);
     let show = |v: f64| format!("{:.2} {unit}", of_value(v));
-    match judged {
-        Reversal::OneDirection => {}
+    let (rms, what) = match judged {
+        Reversal::OneDirection => return,
         Reversal::NotRepeated { rms } => {
-            let rms = show(rms);
-            note!(
-                "note: {symbol}: reversal {rms} rms, not repeated: cannot be judged, both directions are kept"
-            );
+            (rms, ", not repeated: cannot be judged, both directions are kept".to_owned())
         }
-        Reversal::Insignificant { rms, repeatability } => {
-            let (rms, limit) = (show(rms), show(repeatability));
-            note!(
-                "note: {symbol}: reversal {rms} rms is within the repeatability of {limit}: both directions are averaged"
-            );
+        Reversal::Insignificant { rms, repeatability: r } => {
+            (rms, format!(" is within the repeatability of {}: both directions are averaged", show(r)))
         }
-        Reversal::Significant { rms, repeatability } => {
-            let (rms, limit) = (show(rms), show(repeatability));
-            note!(
-                "note: {symbol}: reversal {rms} rms against a repeatability of {limit}: forward and reverse are kept"
-            );
+        Reversal::Significant { rms, repeatability: r } => {
+            (rms, format!(" against a repeatability of {}: forward and reverse are kept", show(r)))
         }
-    }
+    };
+    note!("note: {symbol}: reversal {} rms{what}", show(rms));
 }
 
 /// Mean of the readings at each position, both directions alike.

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::identify::motion_curves::{Motions, Report};
 use crate::identify::tracker_points::{Frame, Registered};
-use volcomp_identify::threepoint::{SeriesFit, Sides};
+use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
 use volcomp_model::statistics::SIGNIFICANT;
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
@@ -151,30 +151,27 @@ impl Report for Threepoint {
 
 /// Distances for people.
 pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
-    say!("{:<24}{:>7}{:>14}{:>12}{:>16}", "side", "poses", "mean mm", "std mm", "peak-to-peak mm");
+    say!("side                      poses       mean mm      std mm peak-to-peak mm");
     for s in &sides.sides {
+        let Side { poses, mean, std, peak_to_peak, .. } = s;
         let side = format!("{} - {}", names[s.from], names[s.to]);
-        say!("{side:<24}{:>7}{:>14.3}{:>12.3}{:>16.3}", s.poses, s.mean, s.std, s.peak_to_peak);
+        say!("{side:<24}{poses:>7}{mean:>14.3}{std:>12.3}{peak_to_peak:>16.3}");
     }
-    say!(
-        "noise of one coordinate over {poses} poses: {:.1} um (k=1), if the body is rigid",
-        um_from_mm(sides.sigma)
-    );
+    let sigma = um_from_mm(sides.sigma);
+    say!("noise of one coordinate over {poses} poses: {sigma:.1} um (k=1), if the body is rigid");
     match sides.suspect {
-        Some((i, lead)) => say!(
-            "point {} is loose: without it the other sides have {:.0} times less variance",
-            names[i],
-            lead.min(1e9)
-        ),
+        Some((i, lead)) => {
+            let (name, times) = (&names[i], lead.min(1e9));
+            say!("point {name} is loose: without it the other sides have {times:.0} times less variance");
+        }
         None => say!("no point stands out"),
     }
 }
 
 /// Distances for machines, mm.
 pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value {
-    json!({
-        "poses": poses,
-        "sides": sides.sides.iter().map(|s| json!({
+    let side = |s: &Side| {
+        json!({
             "from": names[s.from],
             "to": names[s.to],
             "poses": s.poses,
@@ -182,8 +179,12 @@ pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value
             "std": s.std,
             "std_sample": s.std_sample,
             "peak_to_peak": s.peak_to_peak,
-        })).collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "poses": poses,
+        "sides": sides.sides.iter().map(side).collect::<Vec<_>>(),
         "sigma": sides.sigma,
-        "suspect_point": sides.suspect.map(|(i, _)| names[i].as_str()),
+        "suspect_point": sides.suspect.map(|(i, _)| &names[i]),
     })
 }
