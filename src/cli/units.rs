@@ -31,15 +31,17 @@ impl Units {
     }
 
     fn over(angle: bool, kind: AxisKind) -> Self {
-        let (value, of_value, to_inner): (_, fn(f64) -> f64, fn(f64) -> f64) = match angle {
-            true => ("arcsec", arcsec_from_rad, rad_from_arcsec),
-            false => ("um", um_from_mm, mm_from_um),
-        };
         let (position, of_position): (_, fn(f64) -> f64) = match kind {
             AxisKind::Linear => ("mm", |v| v),
             AxisKind::Rotary => ("deg", deg_from_rad),
         };
-        Self { value, position, of_value, to_inner, of_position }
+        if angle {
+            let (of_value, to_inner) = (arcsec_from_rad, rad_from_arcsec);
+            Self { value: "arcsec", position, of_value, to_inner, of_position }
+        } else {
+            let (of_value, to_inner) = (um_from_mm, mm_from_um);
+            Self { value: "um", position, of_value, to_inner, of_position }
+        }
     }
 
     /// Values in the unit of the boundary.

@@ -48,7 +48,7 @@ pub(super) struct Args {
     #[arg(long, value_enum, default_value = "both")]
     direction: Direction,
     /// Family of curves.
-    #[arg(long, value_parser = one_of(BASES), default_value = "auto")]
+    #[arg(long, value_parser = one_of(basis::ALL), default_value = "auto")]
     basis: Auto<Basis>,
     /// Half waves, polynomial degree or harmonics: a number or auto.
     #[arg(long, default_value = "auto", value_name = "N|auto")]
@@ -105,17 +105,6 @@ enum Other {
     Thermal(Box<thermal::Args>),
 }
 
-const BASES: &[(&str, &str, Auto<Basis>)] = &[
-    ("auto", "Half-range or Chebyshev, or a fitted period or table where the data call for it", None),
-    ("half-range", "Mean, linear part and sine half waves", Some(Basis::HalfRange)),
-    ("fourier", "Harmonics of a period", Some(Basis::Fourier)),
-    ("chebyshev", "Chebyshev polynomials", Some(Basis::Chebyshev)),
-    (
-        "table",
-        "The mean at every target, with a reverse curve where both directions were measured",
-        Some(Basis::Table),
-    ),
-];
 const LINEAR: &[(&str, &str, Auto<bool>)] =
     &[("auto", "", None), ("yes", "", Some(true)), ("no", "", Some(false))];
 const INTERPOLATIONS: &[(&str, &str, Interpolation)] =

@@ -1,5 +1,6 @@
 //! Columns of instrument tables by name; their numbers become mm and rad by the unit at the end of the name.
 
+use std::collections::HashMap;
 use std::io::BufRead;
 use std::path::Path;
 
@@ -169,5 +170,63 @@ impl Columns {
     pub(crate) fn some_rows<T>(&mut self, read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
         let rows = self.rows(read)?;
         if rows.is_empty() { Err(no_rows(self.table.file())) } else { Ok(rows) }
+    }
+}
+
+/// Positions closer than this (mm) are the same stop.
+const SAME_POSITION: f64 = 1e-6;
+
+/// What was read at the stops of an axis, found again by where and when it was, in any order and from several files.
+pub(crate) struct Stops<T> {
+    pub(crate) all: Vec<(Reading, Vec<T>)>,
+    places: HashMap<(i64, u32, bool), usize>,
+}
+
+impl<T> Default for Stops<T> {
+    fn default() -> Self {
+        Self { all: Vec::new(), places: HashMap::new() }
+    }
+}
+
+impl<T> Stops<T> {
+    /// What was read at this stop, which is made where it is missing.
+    pub(crate) fn at(&mut self, at: Reading) -> &mut Vec<T> {
+        let cell = (at.position / SAME_POSITION).round() as i64;
+        let key = |cell| (cell, at.cycle, at.travel == Travel::Forward);
+        // a position near the edge of its cell may have met its like in the next one
+        let same = |i: &usize| (self.all[*i].0.position - at.position).abs() < SAME_POSITION;
+        let near = [cell, cell.saturating_sub(1), cell.saturating_add(1)];
+        let known = near.into_iter().filter_map(|c| self.places.get(&key(c)).copied()).find(same);
+        let index = known.unwrap_or_else(|| {
+            self.all.push((at, Vec::new()));
+            self.places.insert(key(cell), self.all.len() - 1);
+            self.all.len() - 1
+        });
+        &mut self.all[index].1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stops_meet_again_in_any_order() {
+        let mut stops = Stops::default();
+        let mut at = |position, cycle, travel| {
+            let seen = stops.at(Reading { position, cycle, travel, value: 0.0 });
+            seen.push(position);
+            let first = seen[0];
+            stops
+                .all
+                .iter()
+                .position(|(r, _)| r.position == first && (r.cycle, r.travel) == (cycle, travel))
+                .unwrap()
+        };
+        assert_eq!(at(10.0, 1, Travel::Forward), 0);
+        assert_eq!((at(10.0, 2, Travel::Forward), at(10.0, 1, Travel::Reverse)), (1, 2));
+        assert_eq!(at(10.000_000_9, 1, Travel::Forward), 0);
+        assert_eq!((at(10.000_002, 1, Travel::Forward), at(-10.0, 1, Travel::Forward)), (3, 4));
+        assert_eq!(at(10.0 - 0.9e-6, 2, Travel::Forward), 1);
     }
 }

@@ -4,6 +4,7 @@ mod drift_check;
 mod head_file;
 mod resting;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -69,7 +70,8 @@ struct Case {
     distance: f64,
     beam_1_yz: [f64; 2],
     beam_2_yz: [f64; 2],
-    readings: CaseReadings,
+    /// `PSD1_y` and so on.
+    readings: BTreeMap<String, f64>,
 }
 
 #[derive(serde::Deserialize)]
@@ -77,21 +79,6 @@ struct Focal {
     f1: f64,
     f2: f64,
     f3: f64,
-}
-
-#[derive(serde::Deserialize)]
-#[expect(non_snake_case, reason = "the keys of the reference vectors")]
-struct CaseReadings {
-    PSD1_y: f64,
-    PSD1_z: f64,
-    PSD2_y: f64,
-    PSD2_z: f64,
-    PSD3_y: f64,
-    PSD3_z: f64,
-    QD1_y: f64,
-    QD1_z: f64,
-    QD2_y: f64,
-    QD2_z: f64,
 }
 
 impl Method for Args {
@@ -103,14 +90,12 @@ impl Method for Args {
         let case: Case = file.read()?;
         let focal = [case.focal.f1, case.focal.f2, case.focal.f3];
         let head = Head::nominal(focal, [case.beam_1_yz, case.beam_2_yz]).map_err(|e| file.bad(e))?;
-        let r = &case.readings;
-        let change = [
-            [r.PSD1_y, r.PSD1_z],
-            [r.PSD2_y, r.PSD2_z],
-            [r.PSD3_y, r.PSD3_z],
-            [r.QD1_y, r.QD1_z],
-            [r.QD2_y, r.QD2_z],
-        ];
+        let names = Detector::ALL.map(|d| ["y", "z"].map(|l| format!("{}_{l}", d.name().to_uppercase())));
+        let mut change = Channels::default();
+        for (value, name) in change.as_flattened_mut().iter_mut().zip(names.as_flattened()) {
+            let missing = || file.bad(format_args!("missing field `{name}`"));
+            *value = *case.readings.get(name).ok_or_else(missing)?;
+        }
         let readings = Readings { distance: case.distance, change };
         let found = head.reduce(&readings);
         let without = head.without_drift_compensation().reduce(&readings);

@@ -2,7 +2,7 @@
 
 mod compare;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -10,20 +10,21 @@ use serde_json::{Value, json};
 
 use self::compare::Comparison;
 use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::columns;
+use super::columns::{self, Stops};
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
 use crate::Result;
 use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::model_writer::{data_error, default_chain};
 use crate::units::Units;
+use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_identify::twist::moved;
 use volcomp_model::Component;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::axes::AxisName;
 use volcomp_units::mm_from_um;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
@@ -58,38 +59,6 @@ pub(super) struct Args {
     compare: Option<PathBuf>,
     #[command(flatten)]
     curves: CurveArgs,
-}
-
-/// The readings of one stop.
-struct Stop {
-    position: f64,
-    cycle: u32,
-    travel: Travel,
-    readings: Vec<LineReading>,
-}
-
-/// The stops of all files, found again by where and when they were.
-#[derive(Default)]
-struct Stops {
-    all: Vec<Stop>,
-    places: HashMap<(i64, u32, bool), usize>,
-}
-
-impl Stops {
-    /// The stop at this position, made where it is missing.
-    fn index_of(&mut self, position: f64, cycle: u32, travel: Travel) -> usize {
-        let cell = (position / SAME_POSITION).round() as i64;
-        let key = |cell| (cell, cycle, travel == Travel::Forward);
-        // a position near the edge of its cell may have met its like in the next one
-        let same = |i: &&usize| (self.all[**i].position - position).abs() < SAME_POSITION;
-        let near = [cell, cell.saturating_sub(1), cell.saturating_add(1)];
-        if let Some(found) = near.into_iter().filter_map(|c| self.places.get(&key(c))).find(same) {
-            return *found;
-        }
-        self.all.push(Stop { position, cycle, travel, readings: Vec::new() });
-        self.places.insert(key(cell), self.all.len() - 1);
-        self.all.len() - 1
-    }
 }
 
 /// A case of the reference vectors.
@@ -197,14 +166,14 @@ impl Method for Args {
 
 /// Every stop on its own, at the reference point, times `sign`.
 fn solve_stops(
-    stops: &[Stop],
+    stops: &[(Reading, Vec<LineReading>)],
     reference: &Vec3,
     sign: f64,
     files: &[PathBuf],
 ) -> Result<(Vec<MotionRow>, Vec<NineLine>)> {
-    let one = |stop: &Stop| {
-        let (position, cycle, travel) = (stop.position, stop.cycle, stop.travel);
-        let found = solve(&stop.readings)
+    let one = |(at, readings): &(Reading, Vec<LineReading>)| {
+        let &Reading { position, cycle, travel, .. } = at;
+        let found = solve(readings)
             .map_err(|e| data_error(files, format_args!("position {position} mm, cycle {cycle}: {e}")))?;
         let (motion, covariance) = moved(&found.motion, &found.covariance, reference);
         Ok((MotionRow { position, cycle, travel, motion: motion * sign, covariance }, found))
@@ -227,7 +196,12 @@ fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>> {
     if lines.is_empty() { Err(data!(path, "no lines below the header")) } else { Ok(lines) }
 }
 
-fn read_readings(path: &Path, lines: &[(String, Vec3)], sigmas: &[f64; 3], stops: &mut Stops) -> Result<()> {
+fn read_readings(
+    path: &Path,
+    lines: &[(String, Vec3)],
+    sigmas: &[f64; 3],
+    stops: &mut Stops<LineReading>,
+) -> Result<()> {
     let mut table = columns::open(path)?;
     let run = table.run("position_mm")?;
     let names: Vec<String> =
@@ -238,9 +212,9 @@ fn read_readings(path: &Path, lines: &[(String, Vec3)], sigmas: &[f64; 3], stops
     })?;
     table.rows(|row| {
         let at = row.reading(&run)?;
-        let index = stops.index_of(at.position, at.cycle, at.travel);
+        let readings = stops.at(at);
         for (k, column) in columns.iter().filter(|(_, c)| !row.word(*c).is_empty()) {
-            stops.all[index].readings.push(LineReading {
+            readings.push(LineReading {
                 target: lines[k / 3].1,
                 direction: k % 3,
                 value: row.value(*column)?,
@@ -251,9 +225,6 @@ fn read_readings(path: &Path, lines: &[(String, Vec3)], sigmas: &[f64; 3], stops
     })?;
     if stops.all.is_empty() { Err(data!(path, "no data rows")) } else { Ok(()) }
 }
-
-/// Positions of two files closer than this (mm) are the same stop.
-const SAME_POSITION: f64 = 1e-6;
 
 /// Condition and redundancy over all stops, and what another method says.
 struct Misfit {
@@ -326,21 +297,5 @@ impl Report for Misfit {
                 self.dof
             );
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn stops_meet_again_in_any_order() {
-        let mut stops = Stops::default();
-        let mut at = |position, cycle, travel| stops.index_of(position, cycle, travel);
-        assert_eq!(at(10.0, 1, Travel::Forward), 0);
-        assert_eq!((at(10.0, 2, Travel::Forward), at(10.0, 1, Travel::Reverse)), (1, 2));
-        assert_eq!(at(10.000_000_9, 1, Travel::Forward), 0);
-        assert_eq!((at(10.000_002, 1, Travel::Forward), at(-10.0, 1, Travel::Forward)), (3, 4));
-        assert_eq!(at(10.0 - 0.9e-6, 2, Travel::Forward), 1);
     }
 }

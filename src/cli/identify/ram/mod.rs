@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::columns;
+use super::columns::{self, Stops};
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
 use crate::Result;
@@ -14,6 +14,7 @@ use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::files::read_model;
 use crate::model_writer::{data_error, default_chain};
 use crate::units::Units;
+use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
 use volcomp_model::geometry::Vec3;
@@ -66,14 +67,6 @@ pub(super) struct Args {
     prior_std_arcsec: Option<f64>,
     #[command(flatten)]
     curves: CurveArgs,
-}
-
-/// The poses at one position of the ram.
-struct Stop {
-    position: f64,
-    cycle: u32,
-    travel: Travel,
-    poses: Vec<HeadPose>,
 }
 
 /// A case of the reference vectors.
@@ -165,8 +158,10 @@ impl Method for Args {
         let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
         let stops = self.stops(&head)?;
         let prior = self.prior()?;
-        let (mut rows, mut fits) = (Vec::with_capacity(stops.len()), Vec::with_capacity(stops.len()));
-        for &Stop { position, cycle, travel, ref poses } in &stops {
+        let (mut rows, mut fits) = (Vec::new(), Vec::new());
+        for (&Reading { position, cycle, travel, .. }, poses) in
+            stops.all.iter().map(|(at, poses)| (at, poses))
+        {
             let prior = prior.as_ref().map(|p| p.at(axis, position, travel));
             let fit = solve(&head, poses, &noise, prior.as_ref())
                 .map_err(|e| data_error(data, format_args!("{axis} {position} mm: {e}")))?;
@@ -253,8 +248,8 @@ fn warn(fits: &[RamFit]) {
 
 impl Args {
     /// The poses by position of the ram, what the head does taken off.
-    fn stops(&self, head: &Head) -> Result<Vec<Stop>> {
-        let mut stops = Vec::new();
+    fn stops(&self, head: &Head) -> Result<Stops<HeadPose>> {
+        let mut stops = Stops::default();
         for path in self.case.all(&self.data) {
             poses(path, &mut stops)?;
         }
@@ -286,36 +281,32 @@ impl Args {
     }
 }
 
-fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<()> {
+fn poses(path: &Path, stops: &mut Stops<HeadPose>) -> Result<()> {
     let mut table = columns::open(path)?;
     let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find(name));
     let (c, a) = (table.require("c_deg")?, table.require("a_deg")?);
     let tip = table.three(["tip_x_um", "tip_y_um", "tip_z_um"])?;
     let axis = table.three(["dir_x_arcsec", "dir_y_arcsec", "dir_z_arcsec"])?;
     table.some_rows(|row| {
-        let (position, cycle, travel) = (row.value_or(z, 0.0)?, row.count(cycle)?, row.travel(direction)?);
-        let pose = HeadPose {
+        let position = row.value_or(z, 0.0)?;
+        let at = Reading { position, cycle: row.count(cycle)?, travel: row.travel(direction)?, value: 0.0 };
+        stops.at(at).push(HeadPose {
             c: row.value(c)?,
             a: row.value(a)?,
             tip_error: row.point(tip)?,
             direction_error: row.point(axis)?,
-        };
-        let same = |s: &Stop| s.cycle == cycle && s.travel == travel && (s.position - position).abs() < 1e-6;
-        match stops.iter_mut().find(|s| same(s)) {
-            Some(stop) => stop.poses.push(pose),
-            None => stops.push(Stop { position, cycle, travel, poses: vec![pose] }),
-        }
+        });
         Ok(())
     })?;
     Ok(())
 }
 
 /// Takes off what the rotary axes of a model do: first order, ram at home.
-fn take_off_head(path: &Path, head: &Head, stops: &mut [Stop]) -> Result<()> {
+fn take_off_head(path: &Path, head: &Head, stops: &mut Stops<HeadPose>) -> Result<()> {
     let (mut spec, _) = read_model(path)?;
     spec.errors.retain(|(symbol, _)| symbol.axis().kind() == AxisKind::Rotary);
     let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
-    for pose in stops.iter_mut().flat_map(|s| &mut s.poses) {
+    for pose in stops.all.iter_mut().flat_map(|(_, poses)| poses) {
         let of_head = model.deviation(&model.pose_of(&[(AxisName::C, pose.c), (AxisName::A, pose.a)]));
         pose.tip_error -= of_head.position;
         pose.direction_error -= of_head.rotation.cross(&head.at(pose.c, pose.a).0);
