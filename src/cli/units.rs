@@ -44,6 +44,11 @@ impl Units {
         }
     }
 
+    /// A value with its unit.
+    pub(crate) fn text(&self, value: f64, decimals: usize) -> String {
+        format!("{:.decimals$} {}", (self.of_value)(value), self.value)
+    }
+
     /// Values in the unit of the boundary.
     pub(crate) fn values(&self, list: &[f64]) -> Vec<f64> {
         list.iter().copied().map(self.of_value).collect()

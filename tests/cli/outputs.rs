@@ -54,13 +54,11 @@ fn words(markup: &str) -> String {
         let (tag, text) = part.split_once('>').unwrap_or(("", part));
         let ends_line =
             ["/tr", "/p", "/h1", "/h2", "/li", "/svg", "/figcaption", "/text", "/pre"].contains(&tag);
-        out.push_str(if ends_line {
-            "\n"
-        } else if matches!(tag, "/td" | "/th") {
-            " | "
-        } else {
-            ""
-        });
+        match tag {
+            _ if ends_line => out.push('\n'),
+            "/td" | "/th" => out.push_str(" | "),
+            _ => {}
+        }
         if !matches!(tag, "style" | "title") {
             out.push_str(text.trim_matches('\n'));
         }
@@ -116,5 +114,8 @@ fn rounded(value: Value) -> Value {
 fn files_of(folder: &Path) -> Vec<std::path::PathBuf> {
     let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     entries.sort();
-    entries.into_iter().flat_map(|p| if p.is_dir() { files_of(&p) } else { vec![p] }).collect()
+    entries
+        .into_iter()
+        .flat_map(|p| if p.is_dir() { files_of(&p) } else { p.is_file().then_some(p).into_iter().collect() })
+        .collect()
 }

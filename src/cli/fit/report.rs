@@ -142,25 +142,18 @@ fn outliers(f: &Fitted, units: &Units) -> Vec<Value> {
 
 /// One line per outlier, for people.
 pub(crate) fn outlier_lines(f: &Fitted) -> Vec<String> {
-    let units = Units::of(f.symbol);
-    f.fit
-        .outliers
-        .iter()
-        .map(|o| {
-            let (r, (file, line)) = (&f.measured.readings[o.index], f.measured.place(o.index));
-            let place = if line > 0 { format!("{file}:{line}") } else { file.to_owned() };
-            format!(
-                "{place}: {} at {} {}, cycle {}, towards {}: {:+.2} {} off the curve, left out",
-                f.symbol,
-                (units.of_position)(r.position),
-                units.position,
-                r.cycle,
-                if r.travel == Travel::Forward { "plus" } else { "minus" },
-                (units.of_value)(o.deviation),
-                units.value
-            )
-        })
-        .collect()
+    let (symbol, Units { value: unit, position, of_value, of_position, .. }) =
+        (f.symbol, Units::of(f.symbol));
+    let one = |o: &Outlier| {
+        let (r, (file, line)) = (&f.measured.readings[o.index], f.measured.place(o.index));
+        let place = if line > 0 { format!("{file}:{line}") } else { file.to_owned() };
+        let towards = if r.travel == Travel::Forward { "plus" } else { "minus" };
+        let (cycle, at, off) = (r.cycle, of_position(r.position), of_value(o.deviation));
+        format!(
+            "{place}: {symbol} at {at} {position}, cycle {cycle}, towards {towards}: {off:+.2} {unit} off the curve, left out"
+        )
+    };
+    f.fit.outliers.iter().map(one).collect()
 }
 
 /// What the targets of an axis cannot show, in words.
@@ -173,44 +166,37 @@ pub(crate) fn hidden_text(hidden: &Hidden) -> Option<String> {
     if !hidden.slower.is_empty() {
         parts.push(format!("of {} mm pitch looks like a slower wave", list(&hidden.slower)));
     }
-    (!parts.is_empty()).then(|| {
-        format!(
-            "targets every {} mm cannot show every screw: an error {}; measure one stretch closer than half the pitch, at uneven distances (--screw-pitch-mm names the pitch, none silences this)",
-            (hidden.spacing * 1e6).round() / 1e6,
-            parts.join(", one ")
-        )
-    })
+    let (spacing, parts) = ((hidden.spacing * 1e6).round() / 1e6, parts.join(", one "));
+    (!parts.is_empty()).then(|| format!(
+        "targets every {spacing} mm cannot show every screw: an error {parts}; measure one stretch closer than half the pitch, at uneven distances (--screw-pitch-mm names the pitch, none silences this)"
+    ))
 }
 
 /// A note in words.
 pub(crate) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
-    let units = Units::of(symbol);
+    let show = |v: f64| Units::of(symbol).text(v, 2);
     match note {
         Note::IllConditioned { condition } => format!(
             "the terms nearly cancel (condition {condition:.0e}): the curve holds on the data, its coefficients mean little; half-range or chebyshev, or --ridge, avoids it"
         ),
         Note::ReversalLeftOut { mean } => format!(
-            "both directions were measured, this curve holds their mean; mean reversal {:.2} {} stays (--reversal auto or --basis table keeps it)",
-            (units.of_value)(mean),
-            units.value
+            "both directions were measured, this curve holds their mean; mean reversal {} stays (--reversal auto or --basis table keeps it)",
+            show(mean)
         ),
         Note::ReversalKept { mean } => format!(
-            "both directions were measured; a table beside the curve holds the reversal, {:.2} {} in the mean (--reversal mean leaves it out)",
-            (units.of_value)(mean),
-            units.value
+            "both directions were measured; a table beside the curve holds the reversal, {} in the mean (--reversal mean leaves it out)",
+            show(mean)
         ),
         Note::SparseTargets { error, lower } => format!(
-            "the targets are too far apart for this error: left-out targets are predicted to {:.2} {} only, and better by order {lower}; measure closer, or use --basis table",
-            (units.of_value)(error),
-            units.value
+            "the targets are too far apart for this error: left-out targets are predicted to {} only, and better by order {lower}; measure closer, or use --basis table",
+            show(error)
         ),
         Note::OrderLowered { from, to } => {
             format!("order {to} instead of {from}: it predicts left-out positions better")
         }
         Note::TurnLeftOpen { step } => format!(
-            "a whole turn was measured, but this basis does not close: {:.2} {} between its ends; --basis fourier or table does",
-            (units.of_value)(step),
-            units.value
+            "a whole turn was measured, but this basis does not close: {} between its ends; --basis fourier or table does",
+            show(step)
         ),
     }
 }
@@ -254,7 +240,8 @@ pub(crate) fn table(fitted: &[Fitted]) -> String {
 pub(crate) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> Vec<String> {
     let mut lines = sources.heading(command);
     for f in fitted {
-        let units = Units::of(f.symbol);
+        let (symbol, basis, Figures { n, m, rmse_dof, rmse_n, .. }) =
+            (f.symbol, f.fit.basis.name(), &f.fit.figures);
         let order = match (f.fit.basis, f.fit.order) {
             (Basis::Table, _) | (_, None) => String::new(),
             (_, Some(order)) => format!(" of order {order}"),
@@ -264,16 +251,8 @@ pub(crate) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> V
             0 => String::new(),
             n => format!(", {n} outliers left out"),
         };
-        let figures = &f.fit.figures;
-        lines.push(format!(
-            "{}: {}{order}{reversal}, n {}, m {}, rmse {:.4} {}{out}",
-            f.symbol,
-            f.fit.basis.name(),
-            figures.n,
-            figures.m,
-            (units.of_value)(figures.rmse_dof.unwrap_or(figures.rmse_n)),
-            units.value
-        ));
+        let rmse = Units::of(symbol).text(rmse_dof.unwrap_or(*rmse_n), 4);
+        lines.push(format!("{symbol}: {basis}{order}{reversal}, n {n}, m {m}, rmse {rmse}{out}"));
     }
     lines
 }

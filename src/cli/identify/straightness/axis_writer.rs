@@ -211,8 +211,7 @@ const fn name_of(sense: Sense) -> &'static str {
 
 /// Says what was done with the two directions.
 fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
-    let Units { value: unit, of_value, .. } = Units::of(symbol);
-    let show = |v: f64| format!("{:.2} {unit}", of_value(v));
+    let show = |v: f64| Units::of(symbol).text(v, 2);
     let (rms, what) = match judged {
         Reversal::OneDirection => return,
         Reversal::NotRepeated { rms } => {
