@@ -89,7 +89,7 @@ impl AxisName {
 
 impl fmt::Display for AxisName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Display::fmt(&self.letter(), f)
+        write!(f, "{}", self.letter())
     }
 }
 

@@ -252,8 +252,8 @@ impl Found for Outcome<'_> {
                 found.chain,
             ]
             .map(show);
-            let Step { axis, readings, .. } = found;
-            let (positions, rms) = (found.positions.len(), um_from_mm(found.rms));
+            let (axis, positions, readings) = (found.axis.to_string(), found.positions.len(), found.readings);
+            let rms = um_from_mm(found.rms);
             let expected = or_dash(found.expected_rms.map(um_from_mm), 3);
             say!(
                 "{axis:<5}{positions:>10}{readings:>9}{noise:>9}{own:>9}{inherited:>11}{total:>9}{so_far:>14}{rms:>9.3}{expected:>11}"
