@@ -3,6 +3,7 @@
 //! `INSTA_UPDATE=always cargo test --release --test cli outputs::` writes them anew; read the difference before you commit it.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
+#![expect(clippy::disallowed_methods, reason = "the test runs the program on files")]
 
 mod evaluate;
 mod fit;

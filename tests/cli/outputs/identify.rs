@@ -206,7 +206,7 @@ fn fivedof() {
             ("-other", "--axis x --calibration DATA/fivedof/head.toml --resting DATA/fivedof/fivedof-x.csv"),
         ],
     );
-    each("identify-fivedof-refused", &format!("{instrument}"), &[("-data", "")]);
+    each("identify-fivedof-refused", instrument, &[("-data", "")]);
     let without = "--data DATA/fivedof/fivedof-x.csv --out SCRATCH/m.toml --chain [w~X'~Y'~b~Z~t]";
     each("identify-fivedof-refused", &format!("{instrument} {without}"), &[("-sense", "")]);
 }

@@ -159,9 +159,8 @@ impl Method for Args {
         let stops = self.stops(&head)?;
         let prior = self.prior()?;
         let (mut rows, mut fits) = (Vec::new(), Vec::new());
-        for (&Reading { position, cycle, travel, .. }, poses) in
-            stops.all.iter().map(|(at, poses)| (at, poses))
-        {
+        for (at, poses) in &stops.all {
+            let &Reading { position, cycle, travel, .. } = at;
             let prior = prior.as_ref().map(|p| p.at(axis, position, travel));
             let fit = solve(&head, poses, &noise, prior.as_ref())
                 .map_err(|e| data_error(data, format_args!("{axis} {position} mm: {e}")))?;
