@@ -74,7 +74,7 @@ impl ModelWriter {
     ) -> Result<(), Failure> {
         Model::new(&model.spec).map_err(|e| data_error(files, e))?;
         let Some(out) = self.target() else {
-            return Err(Failure::usage("neither --out nor --into is given"));
+            return Err(usage!("neither --out nor --into is given"));
         };
         write_text(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());
