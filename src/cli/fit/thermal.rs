@@ -184,16 +184,13 @@ fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<()> {
     if let (Some(symbol), Some(limit_um)) = (args.symbol, args.limit_um) {
         let live = Live { sensor: name.to_owned(), limit: mm_from_um(limit_um), reference: None };
         let errors = &mut model.spec.errors;
-        match errors.iter_mut().find(|(s, _)| *s == symbol) {
-            Some((_, function)) => {
-                function.live.retain(|l| l.sensor != name);
-                function.live.push(live);
-            }
-            None => {
-                let function = volcomp_model::ErrorFunction { live: vec![live], ..Default::default() };
-                errors.push((symbol, function));
-                errors.sort_by_key(|(symbol, _)| *symbol);
-            }
+        if !errors.iter().any(|(s, _)| *s == symbol) {
+            errors.push((symbol, volcomp_model::ErrorFunction::default()));
+            errors.sort_by_key(|(symbol, _)| *symbol);
+        }
+        for (_, function) in errors.iter_mut().filter(|(s, _)| *s == symbol) {
+            function.live.retain(|l| l.sensor != name);
+            function.live.push(live.clone());
         }
     }
     let mut comment = vec![format!("thermal {name} written by volcomp fit thermal")];
