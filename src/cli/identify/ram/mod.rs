@@ -202,27 +202,6 @@ impl Report for Fits {
     }
 }
 
-/// One position of the ram: six numbers, no curves.
-struct Single(Vec<RamFit>);
-
-impl Found for Single {
-    fn json(&self) -> Value {
-        // both directions or several cycles are several fits
-        match &self.0[..] {
-            [one] => json_of(one),
-            several => several.iter().map(json_of).collect(),
-        }
-    }
-
-    fn print(&self) {
-        self.0.iter().for_each(print);
-    }
-
-    fn warn(&self) {
-        warn(&self.0);
-    }
-}
-
 /// Residuals over stated noise, where larger.
 fn misfit(fit: &RamFit) -> f64 {
     if fit.dof == 0 { 1.0 } else { (fit.chi2 / fit.dof as f64).sqrt().max(1.0) }
@@ -267,7 +246,13 @@ impl Args {
             );
             return Err(data_error(self.case.all(&self.data), what));
         }
-        Ok(Box::new(Single(fits)))
+        warn(&fits);
+        // both directions or several cycles are several fits
+        let json = match &fits[..] {
+            [one] => json_of(one),
+            several => several.iter().map(json_of).collect(),
+        };
+        Ok(printed(json, move || fits.iter().for_each(print)))
     }
 
     /// Mean and standard deviations of the prior.
