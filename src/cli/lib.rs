@@ -86,6 +86,7 @@ mod schema;
 mod start_up;
 mod status;
 mod table;
+mod units;
 mod verify;
 
 use std::ffi::OsString;
@@ -99,6 +100,9 @@ pub use exit::{
     EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, not_parsed, note, note_text,
     output_complete,
 };
+
+/// What ends in an exit code where it fails.
+type Result<T, E = Failure> = core::result::Result<T, E>;
 
 /// The end of the help of every program.
 pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 incomplete (replay); \

@@ -59,10 +59,15 @@ impl ModelWriter {
         Ok(file)
     }
 
-    /// Checks the model and writes it to [`target`](Self::target); `comment` says where it came from, `files` names
-    /// the data in errors.
-    pub(super) fn write(&self, model: &ModelFile, comment: &[String], files: &str) -> Result<(), Failure> {
-        Model::new(&model.spec).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {e}")))?;
+    /// Checks the model and writes it to [`target`](Self::target); `comment` says where it came from, `files` are named
+    /// in errors.
+    pub(super) fn write(
+        &self,
+        model: &ModelFile,
+        comment: &[String],
+        files: &[PathBuf],
+    ) -> Result<(), Failure> {
+        Model::new(&model.spec).map_err(|e| data_error(files, e))?;
         let Some(out) = self.target() else {
             return Err(usage!("neither --out nor --into is given"));
         };
@@ -70,6 +75,12 @@ impl ModelWriter {
         note!("model written: {}", out.display());
         Ok(())
     }
+}
+
+/// Bad data in one of several files.
+pub(super) fn data_error(files: &[PathBuf], what: impl core::fmt::Display) -> Failure {
+    let names: Vec<String> = files.iter().map(|p| p.display().to_string()).collect();
+    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", names.join(", ")))
 }
 
 /// Puts an error in its place, with where it came from.
@@ -128,6 +139,12 @@ impl Sources {
     /// Those of the files that `keep` accepts by their place in the list.
     pub(super) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
         Self(self.0.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, s)| s.clone()).collect())
+    }
+
+    /// The comment of a model: what wrote it, and one line per file.
+    pub(super) fn heading(&self, command: &str) -> Vec<String> {
+        let first = format!("written by volcomp {command} {}", env!("CARGO_PKG_VERSION"));
+        [vec![first], self.comments()].concat()
     }
 
     /// One comment line per file.

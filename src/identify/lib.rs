@@ -12,6 +12,7 @@ pub mod circles;
 pub mod curve;
 pub mod diagonals;
 pub mod fivedof;
+mod golden;
 pub mod grinder;
 pub mod motion;
 pub mod nineline;

@@ -142,7 +142,7 @@ impl ErrorSymbol {
 impl fmt::Display for ErrorSymbol {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let zero = if self.is_constant() { "0" } else { "" };
-        write!(f, "E{}{zero}{}", self.component().letter(), self.axis())
+        f.pad(&format!("E{}{zero}{}", self.component().letter(), self.axis()))
     }
 }
 

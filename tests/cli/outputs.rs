@@ -7,6 +7,8 @@
 
 mod evaluate;
 mod exchange;
+mod fit;
+mod identify;
 mod model;
 mod operate;
 
@@ -44,11 +46,13 @@ fn check(name: &str, args: &[&str]) {
     });
 }
 
-/// Runs a command line, in which `DATA/` is the folder of the inputs, once with each of the endings.
+/// Runs a command line, in which `DATA/` is the folder of the inputs and `~` a space within a word, once with each of the
+/// endings.
 fn each(prefix: &str, command: &str, endings: &[(&str, &str)]) {
     for (suffix, ending) in endings {
         let line = format!("{command} {ending}").replace("DATA/", "tests/cli/outputs/data/");
-        check(&format!("{prefix}{suffix}"), &line.split_whitespace().collect::<Vec<_>>());
+        let words: Vec<String> = line.split_whitespace().map(|word| word.replace('~', " ")).collect();
+        check(&format!("{prefix}{suffix}"), &words.iter().map(String::as_str).collect::<Vec<_>>());
     }
 }
 
@@ -90,11 +94,28 @@ fn add(all: &mut String, what: &str, text: &str) {
     let text = match serde_json::from_str::<Value>(text) {
         Ok(value) => format!("{:#}\n", rounded(value)),
         Err(_) if is_markup => words(text),
-        Err(_) => text.to_owned(),
+        Err(_) => shortened(text),
     };
     if !text.is_empty() {
         all.push_str(&format!("---- {what}\n{text}"));
     }
+}
+
+/// Text with its long decimal numbers to seven significant digits, for the same reason.
+fn shortened(text: &str) -> String {
+    text.split_inclusive(|c: char| !(c.is_ascii_alphanumeric() || ".+-_".contains(c)))
+        .map(|word| {
+            let number = word.trim_end_matches(|c: char| !c.is_ascii_alphanumeric());
+            match number.parse::<f64>() {
+                Ok(value) if number.len() > 10 && number.contains('.') => {
+                    let value =
+                        if value.abs() < 1e-12 { 0.0 } else { format!("{value:.6e}").parse().unwrap() };
+                    word.replacen(number, &value.to_string(), 1)
+                }
+                _ => word.to_owned(),
+            }
+        })
+        .collect()
 }
 
 /// Every number to six significant digits, what is below 1e-12 as zero.

@@ -4,15 +4,16 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read};
 use std::path::Path;
 
+use crate::identify::columns::{Columns, hint};
 use crate::input::{self, InputKind};
-use crate::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
-use crate::table::{STDIN, Table, nearest};
-use crate::{EX_DATAERR, Failure};
+use crate::positioning_data::{Cycles, instrument_test, is_instrument, parse_csv, parse_dat};
+use crate::table::{STDIN, Table};
+use crate::units::{self, Units};
+use crate::{EX_DATAERR, Failure, Result};
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
 use volcomp_model::{Component, ErrorSymbol};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 /// How a data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -106,7 +107,7 @@ pub(crate) fn read(
     cycles: Option<&Cycles>,
     direction: Direction,
     into: &mut BySymbol,
-) -> Result<(), Failure> {
+) -> Result<()> {
     let io = |e: &std::io::Error| Failure::io(path, e);
     let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
     let mut source = input::open(path, InputKind::Table)?.buffered();
@@ -120,7 +121,8 @@ pub(crate) fn read(
         let test = found.map(|f| f.test).map_or_else(|| parse_dat(&file, &utf8(&file, head)?), Ok)?;
         positioning(&file, axis, test)?
     } else {
-        let table = Table::new(Cursor::new(head).chain(source), file.clone())?;
+        let source: Box<dyn BufRead> = Box::new(Cursor::new(head).chain(source));
+        let table = Table::new(source, file.clone())?;
         let is_test = table.columns().iter().any(|c| c.starts_with("target_") || c.starts_with("deviation_"));
         match format {
             Format::Iso230_2 => positioning(&file, axis, parse_csv(table)?)?,
@@ -139,17 +141,14 @@ pub(crate) fn read(
             Direction::Reverse => r.travel == Travel::Reverse,
         });
         if measured.readings.is_empty() {
-            return Err(Failure::new(
-                EX_DATAERR,
-                format_args!("error: {file}: {symbol}: no reading in the selected direction"),
-            ));
+            return Err(data!(file, "{symbol}: no reading in the selected direction"));
         }
         into.entry(symbol).or_default().append(measured, &file);
     }
     Ok(())
 }
 
-fn utf8(file: &str, bytes: Vec<u8>) -> Result<String, Failure> {
+fn utf8(file: &str, bytes: Vec<u8>) -> Result<String> {
     String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
         Failure::new(EX_DATAERR, format_args!("error: {file}:{line}: not UTF-8 text; save the file as UTF-8"))
@@ -157,16 +156,13 @@ fn utf8(file: &str, bytes: Vec<u8>) -> Result<String, Failure> {
 }
 
 /// A positioning test is the positioning error of the axis itself.
-fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySymbol, Failure> {
+fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySymbol> {
     if test.kind != axis.kind() {
         let (is, has) = match axis.kind() {
             AxisKind::Linear => ("linear", "degrees"),
             AxisKind::Rotary => ("rotary", "millimetres"),
         };
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {file}: axis {axis} is {is}, the test is in {has}; check --axis"),
-        ));
+        return Err(data!(file, "axis {axis} is {is}, the test is in {has}; check --axis"));
     }
     let offset = if axis.kind() == AxisKind::Rotary { 3 } else { 0 };
     let component = Component::ALL[axis.direction() + offset];
@@ -175,53 +171,37 @@ fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySy
 }
 
 /// A motion table.
-fn motion<R: BufRead>(mut table: Table<R>, axis: AxisName) -> Result<BySymbol, Failure> {
+fn motion(table: Table<Box<dyn BufRead>>, axis: AxisName) -> Result<BySymbol> {
+    let mut table = Columns::new(table);
     let position_name = match axis.kind() {
         AxisKind::Linear => "position_mm",
         AxisKind::Rotary => "position_deg",
     };
-    let position = table.require(position_name)?;
-    let (cycle, direction) = (table.find("cycle"), table.find("direction"));
+    let run = table.run(position_name)?;
     let mut symbols = Vec::new();
-    for (i, column) in table.columns().iter().enumerate() {
-        if i != position && Some(i) != cycle && Some(i) != direction {
-            let symbol = symbol_column(column, axis, position_name)
-                .map_err(|what| table.fail(i, format_args!("{what}")))?;
-            symbols.push((i, symbol));
+    for (i, column) in table.table.columns().to_vec().iter().enumerate() {
+        if !table.known().contains(column) {
+            let symbol =
+                symbol_column(column, axis, position_name).map_err(|what| table.table.fail(i, what))?;
+            symbols.extend(table.find(column).map(|column| (column, symbol)));
         }
     }
     if symbols.is_empty() {
         let lower = axis.lower();
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: no column with an error of axis {axis}, such as e{}{lower}_um or ea{lower}_arcsec",
-                table.file(),
-                if axis.kind() == AxisKind::Linear { lower } else { 'x' },
-            ),
-        ));
+        let first = if axis.kind() == AxisKind::Linear { lower } else { 'x' };
+        return Err(table.file_error(format_args!(
+            "no column with an error of axis {axis}, such as e{first}{lower}_um or ea{lower}_arcsec"
+        )));
     }
     let mut found: Vec<Measured> = symbols.iter().map(|_| Measured::default()).collect();
-    let mut rows = 0u64;
-    while table.advance()? {
-        rows += 1;
-        let x = table.number(position)?;
-        let reading = Reading {
-            cycle: cycle.map_or(Ok(0), |c| table.count(c))?,
-            travel: direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?,
-            position: if axis.kind() == AxisKind::Rotary { rad_from_deg(x) } else { x },
-            value: 0.0,
-        };
-        let line = u32::try_from(table.line()).unwrap_or(0);
-        for ((column, symbol), measured) in symbols.iter().zip(&mut found) {
-            let value = table.number(*column)?;
-            let value = if symbol.is_angle() { rad_from_arcsec(value) } else { mm_from_um(value) };
-            measured.push(Reading { value, ..reading }, line);
+    table.some_rows(|row| {
+        let reading = row.reading(&run)?;
+        let line = u32::try_from(row.table.line()).unwrap_or(0);
+        for ((column, _), measured) in symbols.iter().zip(&mut found) {
+            measured.push(Reading { value: row.value(*column)?, ..reading }, line);
         }
-    }
-    if rows == 0 {
-        return Err(no_rows(table.file()));
-    }
+        Ok(())
+    })?;
     Ok(symbols.into_iter().map(|(_, symbol)| symbol).zip(found).collect())
 }
 
@@ -231,18 +211,10 @@ fn symbol_column(column: &str, axis: AxisName, position_name: &str) -> Result<Er
     let (name, unit) = column.rsplit_once('_').unwrap_or((column, ""));
     let Some(symbol) = ErrorSymbol::parse(name).filter(|_| name.chars().all(|c| !c.is_ascii_uppercase()))
     else {
-        let known = [position_name.to_owned(), "cycle".to_owned(), "direction".to_owned()]
-            .into_iter()
-            .chain(Component::ALL.map(|c| {
-                let unit = if c.is_angle() { "arcsec" } else { "um" };
-                format!("e{}{lower}_{unit}", c.letter().to_ascii_lowercase())
-            }))
-            .collect::<Vec<_>>();
-        let hint = match nearest(column, known.iter().map(String::as_str)) {
-            Some(near) => format!("is {near} meant?"),
-            None => format!("columns are {}", known.join(", ")),
-        };
-        return Err(format!("unknown column; {hint}"));
+        let error = |c: Component| units::column(ErrorSymbol::Motion { component: c, axis });
+        let known = [position_name, "cycle", "direction"].map(str::to_owned).into_iter();
+        let known: Vec<String> = known.chain(Component::ALL.map(error)).collect();
+        return Err(format!("unknown column; {}", hint(column, &known, known.join(", "))));
     };
     if symbol.is_constant() {
         return Err(format!("{symbol} is one number, not a curve; give it as --squareness {name}=.."));
@@ -250,7 +222,7 @@ fn symbol_column(column: &str, axis: AxisName, position_name: &str) -> Result<Er
     if symbol.axis() != axis {
         return Err(format!("{symbol} is an error of axis {}, but --axis says {lower}", symbol.axis()));
     }
-    let expected = if symbol.is_angle() { "arcsec" } else { "um" };
+    let expected = Units::of(symbol).value;
     if unit != expected {
         return Err(format!(
             "unit '{unit}'; {symbol} is read in {expected}: convert it and name it {name}_{expected}"
@@ -263,8 +235,9 @@ fn symbol_column(column: &str, axis: AxisName, position_name: &str) -> Result<Er
 mod tests {
     use super::*;
 
-    fn read_motion(text: &str, axis: AxisName) -> Result<BySymbol, Failure> {
-        motion(Table::new(text.as_bytes(), "m.csv".to_owned())?, axis)
+    fn read_motion(text: &str, axis: AxisName) -> Result<BySymbol> {
+        let source: Box<dyn BufRead> = Box::new(Cursor::new(text.to_owned()));
+        motion(Table::new(source, "m.csv".to_owned())?, axis)
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! `volcomp fit`: measured error motions to the curves of a model file.
 
+pub(super) mod basis;
 pub(super) mod input;
 mod picture;
 pub(super) mod report;
@@ -7,16 +8,17 @@ mod thermal;
 
 use std::path::{Path, PathBuf};
 
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 
+use self::basis::Auto;
 use self::input::{BySymbol, Direction, Format, Measured, read};
 use self::picture::PictureArgs;
-use self::report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
+use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, print_notes, table};
+use super::Result;
 use super::files::write_text;
-use super::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
+use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use super::positioning_data::Cycles;
-use super::{EX_DATAERR, Failure};
-use crate::arg_parsers::{axis_letter, number};
+use crate::arg_parsers::{axis_letter, number, one_of};
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
 use volcomp_model::curve::Interpolation;
@@ -46,8 +48,8 @@ pub(super) struct Args {
     #[arg(long, value_enum, default_value = "both")]
     direction: Direction,
     /// Family of curves.
-    #[arg(long, value_enum, default_value = "auto")]
-    basis: BasisArg,
+    #[arg(long, value_parser = one_of(basis::ALL), default_value = "auto")]
+    basis: Auto<Basis>,
     /// Half waves, polynomial degree or harmonics: a number or auto.
     #[arg(long, default_value = "auto", value_name = "N|auto")]
     order: AutoOr<usize>,
@@ -61,25 +63,25 @@ pub(super) struct Args {
     #[arg(long, value_name = "LOW,HIGH", value_parser = pair)]
     period_search: Option<[f64; 2]>,
     /// Whether a Fourier series gets a linear part.
-    #[arg(long, value_enum, default_value = "auto")]
-    linear: LinearArg,
+    #[arg(long, value_parser = one_of(LINEAR), default_value = "auto")]
+    linear: Auto<bool>,
     /// Penalty lambda * order^4 on the squares of the coefficients.
     #[arg(long, value_name = "LAMBDA")]
     ridge: Option<f64>,
     /// Interpolation between the support points of a table.
-    #[arg(long, value_enum, default_value = "linear")]
-    interpolation: InterpolationArg,
+    #[arg(long, value_parser = one_of(INTERPOLATIONS), default_value = "linear")]
+    interpolation: Interpolation,
     /// Smoothing of a table: none, auto (cross-validation), or the strength alpha of a smoothing spline.
-    #[arg(long, default_value = "none", value_name = "none|auto|ALPHA")]
-    smoothing: SmoothingArg,
+    #[arg(long, default_value = "none", value_name = "none|auto|ALPHA", value_parser = smoothing)]
+    smoothing: Smoothing,
     /// The difference between the directions of travel: kept where the data show it, or averaged out.
-    #[arg(long, value_enum, default_value = "auto")]
-    reversal: ReversalArg,
+    #[arg(long, value_parser = one_of(REVERSALS), default_value = "auto")]
+    reversal: Reversal,
     /// Find outliers, name them and leave them out.
     #[arg(long)]
     robust: bool,
     /// Pitch of the screw, to be told where the targets cannot show its error; several, or none.
-    #[arg(long, value_name = "MM|none", default_value = "5,6,8,10,12,16,20", allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM|none", default_value = "5,6,8,10,12,16,20", allow_hyphen_values = true, value_parser = pitches)]
     screw_pitch_mm: Pitches,
     #[command(flatten)]
     model: ModelWriter,
@@ -103,74 +105,32 @@ enum Other {
     Thermal(Box<thermal::Args>),
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum BasisArg {
-    /// Half-range or Chebyshev, or a fitted period or table where the data call for it.
-    Auto,
-    /// Mean, linear part and sine half waves.
-    HalfRange,
-    /// Harmonics of a period.
-    Fourier,
-    /// Chebyshev polynomials.
-    Chebyshev,
-    /// The mean at every target, with a reverse curve where both directions were measured.
-    Table,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum LinearArg {
-    Auto,
-    Yes,
-    No,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum InterpolationArg {
-    Linear,
-    Cubic,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
-enum ReversalArg {
-    Auto,
-    Mean,
-}
+const LINEAR: &[(&str, &str, Auto<bool>)] =
+    &[("auto", "", None), ("yes", "", Some(true)), ("no", "", Some(false))];
+const INTERPOLATIONS: &[(&str, &str, Interpolation)] =
+    &[("linear", "", Interpolation::Linear), ("cubic", "", Interpolation::MonotoneCubic)];
+const REVERSALS: &[(&str, &str, Reversal)] = &[("auto", "", Reversal::Auto), ("mean", "", Reversal::Mean)];
 
 /// `none`, `auto` or a number.
-#[derive(Debug, Clone, Copy)]
-struct SmoothingArg(Smoothing);
-
-impl core::str::FromStr for SmoothingArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        Ok(Self(match text {
-            "none" => Smoothing::None,
-            "auto" => Smoothing::Auto,
-            _ => Smoothing::Given(
-                number(text).map_err(|_| format!("'{text}' is neither none, auto nor a number"))?,
-            ),
-        }))
+fn smoothing(text: &str) -> Result<Smoothing, String> {
+    match text {
+        "none" => Ok(Smoothing::None),
+        "auto" => Ok(Smoothing::Auto),
+        _ => number(text)
+            .map(Smoothing::Given)
+            .map_err(|_| format!("'{text}' is neither none, auto nor a number")),
     }
 }
 
 /// A list of pitches; `none` is the empty one.
-#[derive(Debug, Clone)]
-struct Pitches(Vec<f64>);
+type Pitches = Vec<f64>;
 
-impl core::str::FromStr for Pitches {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        if text == "none" {
-            return Ok(Self(Vec::new()));
-        }
-        let pitch = |part: &str| match number(part)? {
-            v if v > 0.0 => Ok(v),
-            v => Err(format!("pitch {v} is not above 0")),
-        };
-        text.split(',').map(pitch).collect::<Result<_, _>>().map(Self)
-    }
+fn pitches(text: &str) -> Result<Pitches, String> {
+    let pitch = |part: &str| match number(part)? {
+        v if v > 0.0 => Ok(v),
+        v => Err(format!("pitch {v} is not above 0")),
+    };
+    if text == "none" { Ok(Vec::new()) } else { text.split(',').map(pitch).collect() }
 }
 
 /// A number, or the word `auto`.
@@ -219,21 +179,21 @@ fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(Other::Thermal(args)) = &args.other {
         return thermal::run(args);
     }
     if args.model.target().is_none() {
-        return Err(Failure::usage("neither --out nor --into is given"));
+        return Err(usage!("neither --out nor --into is given"));
     }
     stdout_once(&args.model, args.json.as_deref())?;
     let mut by_symbol = BySymbol::new();
     if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
-        return Err(Failure::usage(format_args!(
+        return Err(usage!(
             "{} files but {} axes; give --axis once, or once per --errors",
             args.errors.len(),
             args.axis.len()
-        )));
+        ));
     }
     for (i, path) in args.errors.iter().enumerate() {
         let axis = args.axis[if args.axis.len() == 1 { 0 } else { i }];
@@ -246,37 +206,33 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let rotary = symbol.axis().kind() == AxisKind::Rotary;
         let fit = curve::fit(&measured.readings, &request)
             .map_err(|e| if rotary { e.in_degrees() } else { e })
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
+            .map_err(|e| data_error(&args.errors, format_args!("{symbol}: {e}")))?;
         fitted.push(Fitted::new(symbol, measured, fit));
     }
     let sources = Sources::of(&args.errors);
     let model = args.model(&fitted, &sources)?;
-    args.model.write(&model, &comments("fit", &sources, &fitted), &args.files())?;
+    args.model.write(&model, &comments("fit", &sources, &fitted), &args.errors)?;
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
-    for path in args.pictures.paths() {
-        picture::write(path, &fitted)?;
-    }
-    for f in &fitted {
-        for note in &f.fit.notes {
-            note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
-        }
-        for line in outlier_lines(f) {
-            note!("outlier: {line}");
-        }
-    }
-    let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
-    if !stdout_taken {
-        print_table(&fitted);
+    args.pictures.write(|| picture::svg(&fitted), || picture::page(&fitted))?;
+    print_notes(&fitted);
+    fitted.iter().flat_map(outlier_lines).for_each(|line| note!("outlier: {line}"));
+    if !stdout_taken(&args.model, args.json.as_deref()) {
+        say!("{}", table(&fitted).trim_end());
     }
     Ok(())
 }
 
+/// True where a model or figures go to stdout.
+fn stdout_taken(model: &ModelWriter, json: Option<&Path>) -> bool {
+    model.takes_stdout() || json.is_some_and(|p| p.as_os_str() == "-")
+}
+
 /// Refuses a model and figures that would both go to stdout.
-fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<(), Failure> {
+fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<()> {
     if model.takes_stdout() && json.is_some_and(|p| p.as_os_str() == "-") {
-        return Err(Failure::usage("--out - and --json cannot both go to stdout; give one of them a file"));
+        return Err(usage!("--out - and --json cannot both go to stdout; give one of them a file"));
     }
     Ok(())
 }
@@ -295,10 +251,6 @@ fn few_positions(measured: &Measured) -> Option<Vec<f64>> {
 }
 
 impl Args {
-    fn files(&self) -> String {
-        self.errors.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
-    }
-
     /// Says once per axis what its targets cannot show.
     fn warn_of_hidden_pitches(&self, by_symbol: &BySymbol) {
         let mut seen = Vec::new();
@@ -309,22 +261,20 @@ impl Args {
             }
             seen.push(axis);
             let Some(positions) = few_positions(measured) else { continue };
-            if let Some(text) = hidden_text(&curve::hidden(&positions, &self.screw_pitch_mm.0)) {
+            if let Some(text) = hidden_text(&curve::hidden(&positions, &self.screw_pitch_mm)) {
                 note!("note: {axis}: {text}");
             }
         }
     }
 
     /// The periods in the order given; one that is fitted where none is.
-    fn periods(&self, kind: AxisKind) -> Result<Vec<Period>, Failure> {
+    fn periods(&self, kind: AxisKind) -> Result<Vec<Period>> {
         let (given, other, wanted, to_inner): (_, _, _, fn(f64) -> f64) = match kind {
             AxisKind::Linear => (&self.period_mm, &self.period_deg, "--period-mm", |v| v),
             AxisKind::Rotary => (&self.period_deg, &self.period_mm, "--period-deg", rad_from_deg),
         };
         if !other.is_empty() {
-            return Err(Failure::usage(format_args!(
-                "the unit of the period does not suit the axis; use {wanted}"
-            )));
+            return Err(usage!("the unit of the period does not suit the axis; use {wanted}"));
         }
         let fitted = self.period_search.map_or(Period::Auto, |r| Period::Within(r.map(to_inner)));
         let all: Vec<Period> = given
@@ -338,66 +288,46 @@ impl Args {
             && !all.is_empty()
             && all.iter().all(|p| matches!(p, Period::Given(_)))
         {
-            return Err(Failure::usage(format_args!(
-                "--period-search is for a period that is fitted; {wanted} gives it"
-            )));
+            return Err(usage!("--period-search is for a period that is fitted; {wanted} gives it"));
         }
         if (!given.is_empty() || self.period_search.is_some())
-            && !matches!(self.basis, BasisArg::Auto | BasisArg::Fourier)
+            && !matches!(self.basis, None | Some(Basis::Fourier))
         {
-            return Err(Failure::usage(format_args!(
-                "only --basis fourier has a period; remove {wanted} or change the basis"
-            )));
+            return Err(usage!("only --basis fourier has a period; remove {wanted} or change the basis"));
         }
         Ok(if all.is_empty() { vec![fitted] } else { all })
     }
 
-    fn request(&self, kind: AxisKind) -> Result<Request, Failure> {
+    fn request(&self, kind: AxisKind) -> Result<Request> {
         let periods = self.periods(kind)?;
-        if self.smoothing.0 != Smoothing::None && !matches!(self.basis, BasisArg::Auto | BasisArg::Table) {
-            return Err(Failure::usage("only a table is smoothed; remove --smoothing or change the basis"));
+        if self.smoothing != Smoothing::None && !matches!(self.basis, None | Some(Basis::Table)) {
+            return Err(usage!("only a table is smoothed; remove --smoothing or change the basis"));
         }
+        let order = match self.order {
+            AutoOr::Auto => None,
+            AutoOr::Given(_) if self.basis == Some(Basis::Table) => {
+                return Err(usage!("a table has no order; remove --order or change the basis"));
+            }
+            AutoOr::Given(order) => Some(order),
+        };
         Ok(Request {
-            basis: match self.basis {
-                BasisArg::Auto => None,
-                BasisArg::HalfRange => Some(Basis::HalfRange),
-                BasisArg::Fourier => Some(Basis::Fourier),
-                BasisArg::Chebyshev => Some(Basis::Chebyshev),
-                BasisArg::Table => Some(Basis::Table),
-            },
-            order: match self.order {
-                AutoOr::Auto => None,
-                AutoOr::Given(_) if matches!(self.basis, BasisArg::Table) => {
-                    return Err(Failure::usage("a table has no order; remove --order or change the basis"));
-                }
-                AutoOr::Given(order) => Some(order),
-            },
+            basis: self.basis,
+            order,
             period: periods[0],
             further_periods: periods[1..].to_vec(),
-            penalties: None,
-            range: None,
-            smoothing: self.smoothing.0,
-            reversal: match self.reversal {
-                ReversalArg::Auto => Reversal::Auto,
-                ReversalArg::Mean => Reversal::Mean,
-            },
+            smoothing: self.smoothing,
+            reversal: self.reversal,
             robust: self.robust,
             turn: (kind == AxisKind::Rotary).then_some(core::f64::consts::TAU),
-            linear: match self.linear {
-                LinearArg::Auto => None,
-                LinearArg::Yes => Some(true),
-                LinearArg::No => Some(false),
-            },
+            linear: self.linear,
             ridge: self.ridge,
-            interpolation: match self.interpolation {
-                InterpolationArg::Linear => Interpolation::Linear,
-                InterpolationArg::Cubic => Interpolation::MonotoneCubic,
-            },
+            interpolation: self.interpolation,
+            ..Request::default()
         })
     }
 
     /// The model with the fitted curves in their places.
-    fn model(&self, fitted: &[Fitted], sources: &Sources) -> Result<ModelFile, Failure> {
+    fn model(&self, fitted: &[Fitted], sources: &Sources) -> Result<ModelFile> {
         let mut model = self.model.base(|| default_chain(fitted.iter().map(|f| f.symbol.axis())))?;
         for f in fitted {
             let name = |i: usize| self.errors[i].display().to_string();

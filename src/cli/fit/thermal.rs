@@ -1,20 +1,20 @@
 //! `volcomp fit thermal`: a recording of temperatures, speeds and a displacement to a growth of the model file.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Parser;
 use plotters::prelude::*;
 use serde_json::{Value, json};
 
-use super::picture::{PictureArgs, PicturePath};
+use super::picture::PictureArgs;
+use crate::Result;
 use crate::arg_parsers::{above_zero, not_negative};
 use crate::files::write_text;
+use crate::identify::columns::{self, Column, Columns};
 use crate::model_writer::{ModelWriter, Sources};
 use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{self, Axes, Key};
-use crate::table::{self, Table};
-use crate::{EX_DATAERR, EX_SOFTWARE, Failure};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
 use volcomp_model::ErrorSymbol;
@@ -98,7 +98,7 @@ struct Recording {
     inputs: Vec<Input>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     super::stdout_once(&args.model, args.json.as_deref())?;
     let recording = read(args)?;
     let name = args.name.clone().unwrap_or_else(|| stem(&args.displacement).to_owned());
@@ -110,25 +110,22 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         lambda: args.lambda,
         ..Request::default()
     };
-    let file = args.file.display();
     let found = fit(&recording.time_s, &recording.inputs, &recording.displacement_mm, &request)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {file}: {}: {e}", args.displacement)))?;
+        .map_err(|e| data!(args.file, "{}: {e}", args.displacement))?;
     for sensor in &found.constant {
         note!("note: {sensor} never changes and is left out");
     }
     if args.model.target().is_some() {
         write_model(args, &name, &found)?;
     } else if args.symbol.is_some() {
-        return Err(Failure::usage("--symbol is written into a model; add --out or --into"));
+        return Err(usage!("--symbol is written into a model; add --out or --into"));
     }
     if let Some(path) = &args.json {
         write_text(path, &format!("{:#}\n", report(&name, &found)))?;
     }
-    for path in args.pictures.paths() {
-        draw(path, args, &recording, &found)?;
-    }
-    let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
-    if !stdout_taken {
+    let column = &args.displacement;
+    args.pictures.write(|| svg(column, &recording, &found), || page(column, &recording, &found))?;
+    if !super::stdout_taken(&args.model, args.json.as_deref()) {
         figures(&found).iter().for_each(|[what, value]| say!("{what:<58}{value:>12}"));
     }
     Ok(())
@@ -141,76 +138,64 @@ fn stem(column: &str) -> &str {
     unit.map_or(column, |unit| &column[..column.len() - unit.len()])
 }
 
-fn read(args: &Args) -> Result<Recording, Failure> {
-    let mut table = table::open(&args.file)?;
-    let time = table.require(&args.time)?;
-    let displacement = table.require(&args.displacement)?;
-    let temperatures = columns(&table, &args.temperatures, "_degc", &args.without)?;
-    let speeds = columns(&table, &args.speeds, "_rpm", &args.without)?;
-    let with = |columns: Vec<(usize, String)>, quantity| {
-        columns
-            .into_iter()
-            .map(move |(index, sensor)| (index, Input { sensor, quantity, values: Vec::new() }))
-    };
-    let mut inputs: Vec<(usize, Input)> =
-        with(temperatures, Quantity::Temperature).chain(with(speeds, Quantity::Speed)).collect();
+fn read(args: &Args) -> Result<Recording> {
+    let mut table = columns::open(&args.file)?;
+    let [time, displacement] = [table.require(&args.time)?, table.require(&args.displacement)?];
+    let mut inputs = sensors(&mut table, &args.temperatures, "_degc", &args.without, Quantity::Temperature)?;
+    inputs.extend(sensors(&mut table, &args.speeds, "_rpm", &args.without, Quantity::Speed)?);
     let (mut time_s, mut displacement_mm) = (Vec::new(), Vec::new());
-    while table.advance()? {
-        time_s.push(table.number(time)?);
-        displacement_mm.push(mm_from_um(table.number(displacement)?));
-        for (index, input) in &mut inputs {
-            input.values.push(table.number(*index)?);
+    table.rows(|row| {
+        time_s.push(row.number(time)?);
+        displacement_mm.push(mm_from_um(row.number(displacement)?));
+        for (column, input) in &mut inputs {
+            input.values.push(row.number(*column)?);
         }
-    }
+        Ok(())
+    })?;
     Ok(Recording { time_s, displacement_mm, inputs: inputs.into_iter().map(|(_, input)| input).collect() })
 }
 
 /// The columns named, or all with the ending.
-fn columns<R: std::io::BufRead>(
-    table: &Table<R>,
+fn sensors(
+    table: &mut Columns,
     named: &[String],
     ending: &str,
     without: &[String],
-) -> Result<Vec<(usize, String)>, Failure> {
-    if !named.is_empty() {
-        return named.iter().map(|name| Ok((table.require(name)?, stem(name).to_owned()))).collect();
+    quantity: Quantity,
+) -> Result<Vec<(Column, Input)>> {
+    let mut names = named.to_vec();
+    if named.is_empty() {
+        without.iter().try_for_each(|name| table.require(name).map(|_| ()))?;
+        let ends = |name: &&String| name.to_ascii_lowercase().ends_with(ending) && !without.contains(name);
+        names.extend(table.table.columns().iter().filter(ends).cloned());
     }
-    for name in without {
-        table.require(name)?;
-    }
-    let ends = |name: &String| name.to_ascii_lowercase().ends_with(ending) && !without.contains(name);
-    Ok(table
-        .columns()
-        .iter()
-        .enumerate()
-        .filter(|(_, name)| ends(name))
-        .map(|(k, n)| (k, stem(n).to_owned()))
-        .collect())
+    let one = |name: String| {
+        Ok((table.require(&name)?, Input { sensor: stem(&name).to_owned(), quantity, values: Vec::new() }))
+    };
+    names.into_iter().map(one).collect()
 }
 
-fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<(), Failure> {
-    let sources = Sources::of(std::slice::from_ref(&args.file));
+fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<()> {
+    let files = std::slice::from_ref(&args.file);
+    let sources = Sources::of(files);
     let mut model = args.model.base(|| "[w b X Y Z t]".to_owned())?;
     model.thermal.retain(|t| t.name != name);
     model.thermal.push(found.thermal.clone());
     if let (Some(symbol), Some(limit_um)) = (args.symbol, args.limit_um) {
         let live = Live { sensor: name.to_owned(), limit: mm_from_um(limit_um), reference: None };
         let errors = &mut model.spec.errors;
-        match errors.iter_mut().find(|(s, _)| *s == symbol) {
-            Some((_, function)) => {
-                function.live.retain(|l| l.sensor != name);
-                function.live.push(live);
-            }
-            None => {
-                let function = volcomp_model::ErrorFunction { live: vec![live], ..Default::default() };
-                errors.push((symbol, function));
-                errors.sort_by_key(|(symbol, _)| *symbol);
-            }
+        if !errors.iter().any(|(s, _)| *s == symbol) {
+            errors.push((symbol, volcomp_model::ErrorFunction::default()));
+            errors.sort_by_key(|(symbol, _)| *symbol);
+        }
+        for (_, function) in errors.iter_mut().filter(|(s, _)| *s == symbol) {
+            function.live.retain(|l| l.sensor != name);
+            function.live.push(live.clone());
         }
     }
     let mut comment = vec![format!("thermal {name} written by volcomp fit thermal")];
     comment.extend(sources.comments());
-    args.model.write(&model, &comment, &args.file.display().to_string())
+    args.model.write(&model, &comment, files)
 }
 
 fn um(mm: f64) -> String {
@@ -268,24 +253,14 @@ fn report(name: &str, found: &ThermalFit) -> Value {
 /// More points than this are drawn thinned out.
 const POINTS: usize = 4000;
 
-fn draw(path: &PicturePath, args: &Args, recording: &Recording, found: &ThermalFit) -> Result<(), Failure> {
-    let failed = |e: Box<dyn std::error::Error>| {
-        Failure::new(EX_SOFTWARE, format_args!("error: the picture cannot be drawn: {e}"))
-    };
-    let picture = svg(&args.displacement, recording, found).map_err(failed)?;
-    let (file, is_page): (&Path, bool) = path.parts();
-    if !is_page {
-        return write_text(file, &picture);
-    }
-    let mut page = Page::new(&format!("Thermal displacement: {}", args.displacement));
-    page.figure(
-        &picture,
-        "Measured and predicted; right of the line the recording was not known to the fit.",
-    );
-    let rows: Vec<Vec<Cell>> =
-        figures(found).into_iter().map(|[what, value]| vec![Cell::text(what), Cell::number(value)]).collect();
+fn page(column: &str, recording: &Recording, found: &ThermalFit) -> plot::Svg {
+    let mut page = Page::new(&format!("Thermal displacement: {column}"));
+    let words = "Measured and predicted; right of the line the recording was not known to the fit.";
+    page.figure(&svg(column, recording, found)?, words);
+    let row = |[what, value]: [String; 2]| vec![Cell::text(what), Cell::number(value)];
+    let rows: Vec<Vec<Cell>> = figures(found).into_iter().map(row).collect();
     page.table(&[Cell::text("figure"), Cell::text("value")], &rows);
-    write_text(file, &page.finish())
+    Ok(page.finish())
 }
 
 fn svg(column: &str, recording: &Recording, found: &ThermalFit) -> plot::Svg {

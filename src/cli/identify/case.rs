@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::method::{Found, Front, printed};
 use crate::input::{self, InputKind};
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::model_writer::ModelWriter;
+use crate::{EX_DATAERR, Failure, Result};
 
 /// Where a case comes from and how the result is printed, the same for every method.
 #[derive(Debug, clap::Args)]
@@ -37,9 +39,10 @@ impl CaseArgs {
         if named.is_empty() { self.file.as_slice() } else { named }
     }
 
-    /// The file of the case, where one is given.
-    pub(super) fn file(&self) -> Option<CaseFile<'_>> {
-        self.input.as_deref().map(|path| CaseFile { path, id: self.case.as_deref() })
+    /// The options of a method that writes a model from data only.
+    pub(super) fn front<'a>(&'a self, model: impl Into<Option<&'a ModelWriter>>) -> Front<'a> {
+        let file = self.input.as_deref().map(|path| CaseFile { path, id: self.case.as_deref() });
+        Front { file, json: self.json, model: model.into(), writes_more: false, case_writes: false }
     }
 }
 
@@ -58,24 +61,22 @@ impl<'a> CaseFile<'a> {
 
     /// A message about the case.
     pub(super) fn bad(&self, what: impl core::fmt::Display) -> Failure {
-        let path = self.path.display();
         match self.id {
-            Some(id) => Failure::new(EX_DATAERR, format_args!("error: {path}: {id}: {what}")),
-            None => Failure::new(EX_DATAERR, format_args!("error: {path}: {what}")),
+            Some(id) => data!(self.path, "{id}: {what}"),
+            None => data!(self.path, "{what}"),
         }
     }
 
     /// Refuses files to write: a case is numbers alone, without axis, chain or frame.
-    pub(super) fn writes_no_model(&self, wanted: bool) -> Result<(), Failure> {
+    pub(super) fn writes_no_model(&self, wanted: bool) -> Result<()> {
         if wanted {
-            let what = "error: --input computes and prints; files to write go with instrument data";
-            return Err(Failure::new(EX_USAGE, what));
+            return Err(usage!("--input computes and prints; files to write go with instrument data"));
         }
         Ok(())
     }
 
     /// Reads the case; of a file with several, the one that was named.
-    pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, Failure> {
+    pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T> {
         let text = input::read_text(self.path, InputKind::Case)?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut file: Value = serde_json::from_str(text).map_err(|e| self.at(&e))?;
@@ -88,10 +89,7 @@ impl<'a> CaseFile<'a> {
         };
         let Some(id) = self.id else {
             let (path, count, ids) = (self.path.display(), cases.len(), ids(&cases));
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: {path}: holds {count} cases; choose one with --case: {ids}"),
-            ));
+            return Err(usage!("{path}: holds {count} cases; choose one with --case: {ids}"));
         };
         match cases.iter().position(|c| c["id"] == id) {
             Some(i) => T::deserialize(&cases[i]).map_err(|e| self.bad(e)),
@@ -100,8 +98,7 @@ impl<'a> CaseFile<'a> {
     }
 
     fn missing(&self, cases: &[Value]) -> Failure {
-        let (path, id) = (self.path.display(), self.id.unwrap_or_default());
-        Failure::new(EX_DATAERR, format_args!("error: {path}: no case {id}; there are: {}", ids(cases)))
+        data!(self.path, "no case {}; there are: {}", self.id.unwrap_or_default(), ids(cases))
     }
 
     /// A message about a place in the file.
@@ -119,7 +116,14 @@ fn ids(cases: &[Value]) -> String {
     if ids.is_empty() { "none that has an id".to_owned() } else { ids.join(", ") }
 }
 
-/// Prints a result as one JSON object.
-pub(super) fn print_json(result: &serde_json::Value) {
-    say!("{result:#}");
+/// What a case cannot determine is a result, too: `more` says how much of it is known.
+pub(super) fn refused(mut more: Value, why: impl core::fmt::Display) -> Box<dyn Found> {
+    more["refused"] = true.into();
+    more["note"] = why.to_string().into();
+    printed(more, || {})
+}
+
+/// The rows of a covariance of six error motions.
+pub(super) fn rows(entry: impl Fn((usize, usize)) -> f64) -> [[f64; 6]; 6] {
+    core::array::from_fn(|i| core::array::from_fn(|j| entry((i, j))))
 }

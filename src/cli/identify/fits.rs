@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use super::case::{CaseArgs, print_json};
+use super::case::{CaseArgs, CaseFile};
+use super::method::{Found, Front, Method, printed};
+use crate::fit::AutoOr;
 use crate::table;
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::{Failure, Result};
 use volcomp_identify::Reading;
 use volcomp_identify::curve::monomial::polynomial;
 use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
@@ -47,7 +49,7 @@ pub(super) struct Args {
     order: Option<usize>,
     /// Periods of a Fourier series: numbers or auto.
     #[arg(long, value_name = "P|auto", value_delimiter = ',')]
-    periods: Vec<String>,
+    periods: Vec<AutoOr<f64>>,
     /// Limits for fitted periods.
     #[arg(long, value_name = "LOW,HIGH", value_delimiter = ',', num_args = 2)]
     period_search: Vec<f64>,
@@ -59,12 +61,13 @@ pub(super) struct Args {
     no_intercept: bool,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum BasisArg {
     /// Harmonics of one or several periods.
     Fourier,
     /// Chebyshev polynomials.
+    #[default]
     Chebyshev,
     /// Mean, linear part and sine half waves.
     HalfRange,
@@ -73,7 +76,7 @@ enum BasisArg {
 }
 
 /// A case of the reference vectors.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 struct Case {
     basis: BasisArg,
     x: Vec<f64>,
@@ -102,36 +105,35 @@ const TABLE_ORDER: usize = 10;
 /// Where the curve is evaluated, as shares of the range.
 const EVALUATED: [f64; 7] = [0.0, 0.013, 0.27, 0.515, 0.777, 0.99, 1.0];
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let (case, name) = match (args.case.file(), args.case.data(&args.data)) {
-        (Some(file), _) => (file.read()?, file.path().display().to_string()),
-        (None, Some(path)) => (args.read_table(path)?, path.display().to_string()),
-        (None, None) => return Err(Failure::new(EX_USAGE, "error: neither --input nor --data is given")),
-    };
-    let failed =
-        |what: &dyn core::fmt::Display| Failure::new(EX_DATAERR, format_args!("error: {name}: {what}"));
-    if case.x.len() != case.y.len() {
-        return Err(failed(&format_args!(
-            "{} x but {} y; every point needs both",
-            case.x.len(),
-            case.y.len()
-        )));
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.case.front(None)
     }
-    let result = if case.basis == BasisArg::Polynomial {
-        powers(&case).map_err(|e| failed(&e))?
-    } else {
-        curve(&case).map_err(|e| failed(&e))?
-    };
-    if args.case.json {
-        print_json(&Value::Object(result))
-    } else {
-        report(&result)
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        found(&file.read()?, file.path())
     }
-    Ok(())
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        let Some(path) = self.case.data(&self.data) else {
+            return Err(usage!("neither --input nor --data is given"));
+        };
+        found(&self.read_table(path)?, path).map(Some)
+    }
+}
+
+fn found(case: &Case, path: &Path) -> Result<Box<dyn Found>> {
+    let [x, y] = [case.x.len(), case.y.len()];
+    if x != y {
+        return Err(data!(path, "{x} x but {y} y; every point needs both"));
+    }
+    let result = if case.basis == BasisArg::Polynomial { powers(case) } else { curve(case) };
+    let result = result.map_err(|e| Failure::data(path, e))?;
+    Ok(printed(result.clone(), move || report(&result)))
 }
 
 impl Args {
-    fn read_table(&self, path: &Path) -> Result<Case, Failure> {
+    fn read_table(&self, path: &Path) -> Result<Case> {
         let mut table = table::open(path)?;
         let (cx, cy) = (table.require(&self.x)?, table.require(&self.y)?);
         let (mut x, mut y) = (Vec::new(), Vec::new());
@@ -139,30 +141,16 @@ impl Args {
             x.push(table.number(cx)?);
             y.push(table.number(cy)?);
         }
-        let period = |text: &String| match text.as_str() {
-            "auto" => Ok(None),
-            _ => text.parse::<f64>().map(Some).map_err(|_| {
-                Failure::new(
-                    EX_USAGE,
-                    format_args!("error: --periods: '{text}' is neither a number nor auto"),
-                )
-            }),
-        };
         Ok(Case {
             basis: self.basis,
             x,
             y,
             x0: self.x0,
-            travel: None,
             order: self.order,
-            order_fit: None,
-            linear: None,
-            period: None,
-            periods: self.periods.iter().map(period).collect::<Result<_, _>>()?,
-            period_search: (self.period_search.len() == 2)
-                .then(|| [self.period_search[0], self.period_search[1]]),
-            ridge: None,
+            periods: self.periods.iter().map(|p| p.number()).collect(),
+            period_search: self.period_search[..].try_into().ok(),
             intercept: Some(!self.no_intercept),
+            ..Case::default()
         })
     }
 }
@@ -190,28 +178,28 @@ impl Case {
         };
         // the origin of the harmonics belongs to the case, the other bases run over the data
         let last = self.x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let range = match (self.basis, self.x0, self.travel) {
-            (BasisArg::Fourier, Some(low), Some(travel)) => Some([low, low + travel]),
-            (BasisArg::Fourier, Some(low), None) => Some([low, last]),
-            _ => None,
+        let range = self.x0.filter(|_| basis == Basis::Fourier);
+        let (ridge, penalties) = match &self.ridge {
+            Some(Ridge { lam, weights: Some(w) }) => (None, Some(w.iter().map(|w| lam * w).collect())),
+            Some(Ridge { lam, weights: None }) => (Some(*lam), None),
+            None => (None, None),
         };
-        let weights = self.ridge.as_ref().and_then(|r| r.weights.as_ref().map(|w| (r.lam, w)));
         Request {
             basis: Some(basis),
             order: self.order(),
             period: periods[0],
             further_periods: periods[1..].to_vec(),
             linear: self.linear,
-            ridge: self.ridge.as_ref().filter(|r| r.weights.is_none()).map(|r| r.lam),
-            penalties: weights.map(|(lam, w)| w.iter().map(|w| lam * w).collect()),
-            range,
+            ridge,
+            penalties,
+            range: range.map(|low| [low, self.travel.map_or(last, |travel| low + travel)]),
             ..Request::default()
         }
     }
 }
 
 /// A polynomial in powers of x.
-fn powers(case: &Case) -> Result<Map<String, Value>, String> {
+fn powers(case: &Case) -> Result<Value, String> {
     let order = case.order().ok_or("a polynomial needs an order (--order)")?;
     let intercept = case.intercept.unwrap_or(true);
     let found = polynomial(&case.x, &case.y, order, intercept).map_err(|e| e.to_string())?;
@@ -219,52 +207,64 @@ fn powers(case: &Case) -> Result<Map<String, Value>, String> {
     // through the origin the total is about zero, as usual
     let mean = if intercept { case.y.iter().sum::<f64>() / n } else { 0.0 };
     let total: f64 = case.y.iter().map(|y| (y - mean).powi(2)).sum();
-    let mut map = Map::new();
-    map.insert("basis".into(), json!("polynomial"));
-    map.insert("order".into(), json!(order));
-    map.insert("intercept".into(), json!(intercept));
-    map.insert("coefficients".into(), json!(found.coefficients));
-    map.insert("coefficients_std".into(), json!(found.std));
-    map.insert("sse".into(), json!(found.sse));
-    map.insert("rmse_n".into(), json!((found.sse / n).sqrt()));
-    map.insert("rmse_dof".into(), json!(found.sigma));
-    map.insert("r2".into(), json!((total > 0.0).then(|| 1.0 - found.sse / total)));
-    map.insert("e_max".into(), json!(found.residuals.iter().fold(0.0f64, |a, r| a.max(r.abs()))));
-    map.insert("n".into(), json!(case.x.len()));
-    map.insert("m".into(), json!(found.coefficients.len()));
-    Ok(map)
+    Ok(json!({
+        "basis": "polynomial",
+        "order": order,
+        "intercept": intercept,
+        "coefficients": found.coefficients,
+        "coefficients_std": found.std,
+        "sse": found.sse,
+        "rmse_n": (found.sse / n).sqrt(),
+        "rmse_dof": found.sigma,
+        "r2": (total > 0.0).then(|| 1.0 - found.sse / total),
+        "e_max": found.residuals.iter().fold(0.0f64, |a, r| a.max(r.abs())),
+        "n": case.x.len(),
+        "m": found.coefficients.len(),
+    }))
 }
 
 /// A curve of the model's families.
-fn curve(case: &Case) -> Result<Map<String, Value>, String> {
+fn curve(case: &Case) -> Result<Value, String> {
     let (readings, mut request) = (case.readings(), case.request());
-    let mut map = Map::new();
-    if request.order.is_none() {
-        let (table, best) = orders(&readings, &request)?;
-        map.insert("aicc_table".into(), table);
-        map.insert("best_order".into(), json!(best));
-        request.order = Some(best);
-    }
+    let table = if request.order.is_none() { Some(orders(&readings, &request)?) } else { None };
+    request.order = request.order.or(table.as_ref().map(|(_, best)| *best));
     let found = fit(&readings, &request).map_err(|e| e.to_string())?;
-    map.insert("basis".into(), json!(found.basis.name()));
-    map.insert("order".into(), json!(found.order));
-    map.insert("linear".into(), json!(found.basis == Basis::Fourier && found.coefficients.len() % 2 == 0));
-    map.insert("coefficients".into(), json!(found.coefficients));
-    if found.basis == Basis::Fourier {
-        map.insert("period".into(), json!(found.period));
-        map.insert("periods".into(), json!(found.periods));
+    let mut json = figures(&found.figures);
+    if let Some((table, best)) = table {
+        json["aicc_table"] = table;
+        json["best_order"] = json!(best);
     }
-    figures(&mut map, &found.figures);
-    map.insert("loo_rmse".into(), json!(found.figures.loo_rmse));
-    map.insert("condition".into(), json!(found.condition));
-    uncertainty(&mut map, &found);
+    json["basis"] = json!(found.basis.name());
+    json["order"] = json!(found.order);
+    json["linear"] = json!(found.basis == Basis::Fourier && found.coefficients.len() % 2 == 0);
+    json["coefficients"] = json!(found.coefficients);
+    if found.basis == Basis::Fourier {
+        json["period"] = json!(found.period);
+        json["periods"] = json!(found.periods);
+    }
+    json["loo_rmse"] = json!(found.figures.loo_rmse);
+    json["condition"] = json!(found.condition);
+    if let Some(band) = &found.band {
+        let mut std = band.parameter_std();
+        let of_periods = std.split_off(found.coefficients.len().min(std.len()));
+        json["coefficients_std"] = json!(std);
+        if found.period_fitted {
+            json["periods_std"] = json!(of_periods);
+        }
+        json["factor_95"] = json!(band.factor_95());
+    }
     if found.period_fitted && found.periods.len() == 1 {
-        compare_with_polynomial(&mut map, &found, &readings);
+        // a polynomial with as many numbers as the series with its period; with too few points nothing is compared
+        let degree = found.figures.m - 1;
+        let request = Request { basis: Some(Basis::Chebyshev), order: Some(degree), ..Request::default() };
+        if let Ok(other) = fit(&readings, &request) {
+            json[format!("polynomial{degree}")] = figures(&other.figures);
+        }
     }
     let [low, high] = found.curve.range().unwrap_or([0.0, 1.0]);
     let at = EVALUATED.map(|share| low + share * (high - low));
-    map.insert("eval".into(), json!(at.map(|x| [x, found.value(x, Travel::Forward)])));
-    Ok(map)
+    json["eval"] = json!(at.map(|x| [x, found.value(x, Travel::Forward)]));
+    Ok(json)
 }
 
 /// SSE and AICc of every order, and the order of lowest AICc.
@@ -273,12 +273,11 @@ fn orders(readings: &[Reading], request: &Request) -> Result<(Value, usize), Str
     let mut positions: Vec<f64> = readings.iter().map(|r| r.position).collect();
     positions.sort_by(f64::total_cmp);
     positions.dedup();
-    let lowest = usize::from(basis == Basis::Fourier);
     let (mut table, mut best, mut problem) = (Vec::new(), None, None);
-    for order in lowest..=highest_order(basis, positions.len()).min(TABLE_ORDER) {
+    for order in usize::from(basis == Basis::Fourier)..=highest_order(basis, positions.len()).min(TABLE_ORDER)
+    {
         match fit(readings, &Request { order: Some(order), ..request.clone() }) {
-            Ok(found) => {
-                let figures = found.figures;
+            Ok(CurveFit { figures, .. }) => {
                 table.push(json!({"order": order, "sse": figures.sse, "aicc": figures.aicc}));
                 if let Some(aicc) = figures.aicc
                     && best.is_none_or(|(_, lowest)| aicc < lowest)
@@ -287,86 +286,57 @@ fn orders(readings: &[Reading], request: &Request) -> Result<(Value, usize), Str
                 }
             }
             Err(e) => {
-                problem.get_or_insert(e);
+                problem = Some(e.to_string());
                 break;
             }
         }
     }
-    match (best, problem) {
-        (Some((order, _)), _) => Ok((Value::Array(table), order)),
-        (None, Some(e)) => Err(e.to_string()),
-        (None, None) => Err("too few points for an order; give one".to_owned()),
-    }
+    let too_few = || "too few points for an order; give one".to_owned();
+    best.map(|(order, _)| (table.into(), order)).ok_or_else(|| problem.unwrap_or_else(too_few))
 }
 
-fn figures(map: &mut Map<String, Value>, f: &Figures) {
-    map.insert("sse".into(), json!(f.sse));
-    map.insert("rmse_n".into(), json!(f.rmse_n));
-    map.insert("rmse_dof".into(), json!(f.rmse_dof));
-    map.insert("r2".into(), json!(f.r2));
-    map.insert("e_max".into(), json!(f.e_max));
-    map.insert("aicc".into(), json!(f.aicc));
-    map.insert("n".into(), json!(f.n));
-    map.insert("m".into(), json!(f.m));
-}
-
-fn uncertainty(map: &mut Map<String, Value>, found: &CurveFit) {
-    let Some(band) = &found.band else { return };
-    let mut std = band.parameter_std();
-    let of_periods = std.split_off(found.coefficients.len().min(std.len()));
-    map.insert("coefficients_std".into(), json!(std));
-    if found.period_fitted {
-        map.insert("periods_std".into(), json!(of_periods));
-    }
-    map.insert("factor_95".into(), json!(band.factor_95()));
-}
-
-/// A polynomial with as many numbers as the Fourier series with its fitted period has.
-fn compare_with_polynomial(map: &mut Map<String, Value>, found: &CurveFit, readings: &[Reading]) {
-    let degree = found.figures.m - 1;
-    let request = Request { basis: Some(Basis::Chebyshev), order: Some(degree), ..Request::default() };
-    // too few points for it: nothing to compare
-    if let Ok(other) = fit(readings, &request) {
-        let mut inner = Map::new();
-        figures(&mut inner, &other.figures);
-        map.insert(format!("polynomial{degree}"), Value::Object(inner));
-    }
+fn figures(f: &Figures) -> Value {
+    json!({
+        "sse": f.sse,
+        "rmse_n": f.rmse_n,
+        "rmse_dof": f.rmse_dof,
+        "r2": f.r2,
+        "e_max": f.e_max,
+        "aicc": f.aicc,
+        "n": f.n,
+        "m": f.m,
+    })
 }
 
 /// The result for people.
-fn report(map: &Map<String, Value>) {
-    let text = |key: &str| match map.get(key) {
-        None | Some(Value::Null) => "-".to_owned(),
-        Some(Value::String(s)) => s.clone(),
-        Some(v) => v.to_string(),
+fn report(found: &Value) {
+    let text = |key: &str| match &found[key] {
+        Value::Null => "-".to_owned(),
+        Value::String(s) => s.clone(),
+        v => v.to_string(),
     };
-    let list = |key: &str| map.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
+    let list = |key: &str| -> Vec<f64> {
+        found[key].as_array().into_iter().flatten().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect()
+    };
+    let plus_minus = |std: Option<&f64>| std.map_or_else(String::new, |s| format!("  +- {s:.6e}"));
     say!("{} of order {}: n {}, m {}", text("basis"), text("order"), text("n"), text("m"));
-    let (values, std) = (list("coefficients"), list("coefficients_std"));
-    for (i, value) in values.iter().enumerate() {
-        let std = std.get(i).and_then(Value::as_f64).map_or_else(String::new, |s| format!("  +- {s:.6e}"));
-        say!("  c{i:<3} {:>22.14e}{std}", value.as_f64().unwrap_or(f64::NAN));
+    let std = list("coefficients_std");
+    for (i, value) in list("coefficients").iter().enumerate() {
+        say!("  c{i:<3} {value:>22.14e}{}", plus_minus(std.get(i)));
     }
     let (periods, std) = (list("periods"), list("periods_std"));
     for (i, value) in periods.iter().enumerate() {
         // given periods stand first and have no uncertainty
-        let std = (i + std.len())
-            .checked_sub(periods.len())
-            .and_then(|k| std.get(k)?.as_f64())
-            .map_or_else(String::new, |s| format!("  +- {s:.6e}"));
-        say!("  period {:>18.12}{std}", value.as_f64().unwrap_or(f64::NAN));
+        let k = (i + std.len()).checked_sub(periods.len());
+        say!("  period {value:>18.12}{}", plus_minus(k.and_then(|k| std.get(k))));
     }
     for key in ["sse", "rmse_n", "rmse_dof", "e_max", "r2", "aicc", "loo_rmse", "condition"] {
-        if map.contains_key(key) {
+        if found.get(key).is_some() {
             say!("  {key:<10} {}", text(key));
         }
     }
-    if let Some(other) = map.iter().find(|(k, _)| k.starts_with("polynomial") && k.as_str() != "polynomial") {
-        say!(
-            "  {} of as many numbers: rmse_dof {}, e_max {}",
-            other.0,
-            other.1["rmse_dof"],
-            other.1["e_max"]
-        );
+    let mut others = found.as_object().into_iter().flatten();
+    if let Some((name, other)) = others.find(|(k, _)| k.starts_with("polynomial")) {
+        say!("  {name} of as many numbers: rmse_dof {}, e_max {}", other["rmse_dof"], other["e_max"]);
     }
 }

@@ -1,22 +1,23 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use super::case;
-use crate::files::Output;
+use super::columns::{self, Column, hint};
+use super::method::{Found, Front, Method};
+use crate::arg_parsers::{axis_letter, one_of};
+use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::model_writer::{ModelWriter, Sources, put};
-use crate::table::{self, nearest};
-use crate::{EX_CONFIG, EX_USAGE, Failure};
+use crate::units::{Units, key, or_dash};
+use crate::{EX_CONFIG, Failure, Result};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
-use volcomp_identify::grinder::{Chain, Curves, Found, Measured, Request, Row, SetUp, plan};
-use volcomp_model::{Component, ErrorSymbol, Model, ModelSpec, Pose};
+use volcomp_identify::grinder::{Chain, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan};
+use volcomp_model::{Component, Model, ModelSpec, Pose};
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
 
 /// The error motions of a chain, measured axis by axis: each axis is corrected before the next one is measured.
 ///
@@ -61,8 +62,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "UM")]
     noise_um: Option<f64>,
     /// How the values at the positions become curves, in the model and in the corrections of --next.
-    #[arg(long, value_enum, default_value = "table")]
-    basis: BasisArg,
+    #[arg(long, value_parser = one_of(BASES), default_value = "table")]
+    basis: Curves,
     #[command(flatten)]
     out: ModelWriter,
     /// One JSON object on stdout.
@@ -70,13 +71,10 @@ pub(super) struct Args {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum BasisArg {
-    /// Straight lines between the positions: noise of a position stays.
-    Table,
-    /// The curve that volcomp fit chooses: noise averages over the positions.
-    Auto,
-}
+const BASES: &[(&str, &str, Curves)] = &[
+    ("table", "Straight lines between the positions: noise of a position stays", Curves::Lines),
+    ("auto", "The curve that volcomp fit chooses: noise averages over the positions", Curves::Fitted),
+];
 
 /// The motions asked for.
 #[derive(Debug, Clone)]
@@ -101,53 +99,41 @@ fn components(text: &str) -> Result<Components, String> {
 
 fn assignment(text: &str) -> Result<(AxisName, PathBuf), String> {
     let (axis, path) = text.split_once('=').ok_or("write for example a=a.csv")?;
-    let mut letters = axis.chars();
-    match (letters.next().and_then(AxisName::from_letter), letters.next()) {
-        (Some(name), None) if !path.is_empty() => Ok((name, PathBuf::from(path))),
+    match axis_letter(axis) {
+        Ok(name) if !path.is_empty() => Ok((name, PathBuf::from(path))),
         _ => Err(format!("'{text}' names no axis and file; write for example a=a.csv")),
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if args.step.is_empty() && args.next.is_none() {
-        return Err(Failure::usage("nothing to do; give --step for data, --next for the poses to measure"));
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        Front { file: None, json: self.json, model: Some(&self.out), writes_more: false, case_writes: false }
     }
-    if args.step.is_empty() && args.out.out.is_some() {
-        return Err(Failure::usage("--out needs a --step; without one there is nothing to write"));
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        if self.step.is_empty() && self.next.is_none() {
+            return Err(usage!("nothing to do; give --step for data, --next for the poses to measure"));
+        }
+        if self.step.is_empty() && self.out.out.is_some() {
+            return Err(usage!("--out needs a --step; without one there is nothing to write"));
+        }
+        let file = drawing(self)?;
+        let mut chain = Chain::new(file.spec.clone());
+        let sigma = self.noise_um.map(mm_from_um);
+        let request = Request { components: self.motions.0.clone(), sigma, curves: self.basis };
+        for (axis, path) in &self.step {
+            let rows = read(path, chain.spec())?;
+            chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;
+        }
+        if let Some((axis, path)) = &self.next {
+            write_poses(&chain, *axis, path, self)?;
+        }
+        Ok((!self.step.is_empty()).then(|| Box::new(Outcome { args: self, file, chain }) as _))
     }
-    let file = drawing(args)?;
-    let mut chain = Chain::new(file.spec.clone());
-    let request = Request {
-        components: args.motions.0.clone(),
-        sigma: args.noise_um.map(mm_from_um),
-        curves: match args.basis {
-            BasisArg::Table => Curves::Lines,
-            BasisArg::Auto => Curves::Fitted,
-        },
-    };
-    for (axis, path) in &args.step {
-        let rows = read(path, chain.spec())?;
-        chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;
-    }
-    if let Some((axis, path)) = &args.next {
-        write_poses(&chain, *axis, path, args)?;
-    }
-    if !args.step.is_empty() && args.out.target().is_some() {
-        write_model(args, file, &chain)?;
-    }
-    if args.step.is_empty() || args.out.takes_stdout() {
-        return Ok(());
-    }
-    if args.json {
-        case::print_json(&as_json(&chain));
-    } else {
-        print(&chain);
-    }
-    Ok(())
 }
 
 /// The drawing, the model of --into, or a bare chain.
-fn drawing(args: &Args) -> Result<ModelFile, Failure> {
+fn drawing(args: &Args) -> Result<ModelFile> {
     let Some(path) = &args.drawing else {
         return args.out.base(|| "[w A' b X Y B t]".to_owned());
     };
@@ -155,113 +141,72 @@ fn drawing(args: &Args) -> Result<ModelFile, Failure> {
         .map_err(|e| Failure::new(EX_CONFIG, e))
 }
 
-/// A column of an axis and the unit of its coordinate or correction.
-struct Column {
-    index: usize,
-    axis: usize,
-    to_inner: fn(f64) -> f64,
+/// Names of the columns of an axis: its coordinate, and the correction added to it.
+fn axis_columns(axis: AxisName) -> [String; 2] {
+    let (unit, small) = if axis.kind() == AxisKind::Linear { ("mm", "um") } else { ("deg", "arcsec") };
+    [format!("{}_{unit}", axis.lower()), format!("c{}_{small}", axis.lower())]
 }
 
+/// Columns of the tip.
+const TOOL: [&str; 3] = ["tool_x_mm", "tool_y_mm", "tool_z_mm"];
+
 /// Reads the rows of a step.
-fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
-    let mut table = table::open(path)?;
-    let keep = |v: f64| v;
-    let (mut positions, mut corrections, mut known) = (Vec::new(), Vec::new(), Vec::new());
-    for (axis, a) in spec.chain.axes().iter().enumerate() {
-        let letter = a.name.lower();
-        type Named = (String, fn(f64) -> f64);
-        let (position, correction): (Named, Named) = match a.name.kind() {
-            AxisKind::Linear => ((format!("{letter}_mm"), keep), (format!("c{letter}_um"), mm_from_um)),
-            AxisKind::Rotary => {
-                ((format!("{letter}_deg"), rad_from_deg), (format!("c{letter}_arcsec"), rad_from_arcsec))
-            }
-        };
-        for ((name, to_inner), list) in [(position, &mut positions), (correction, &mut corrections)] {
-            list.extend(table.find(&name).map(|index| Column { index, axis, to_inner }));
-            known.push(name);
-        }
+fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>> {
+    let mut table = columns::open(path)?;
+    let axes = spec.chain.axes().iter().map(|a| axis_columns(a.name).map(|name| table.find(&name)));
+    let axes: Vec<[Option<Column>; 2]> = axes.collect();
+    let tool = TOOL.map(|n| table.find(n));
+    let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find(n));
+    table.only(|column| hint(column, table.known(), table.known().join(", ")))?;
+    if !matches!(tool.iter().flatten().count(), 0 | 3) {
+        return Err(data!(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }
-    let tool = ["tool_x_mm", "tool_y_mm", "tool_z_mm"].map(|n| (n, table.find(n)));
-    let seen = ["dx_um", "dy_um", "dz_um"].map(|n| (n, table.find(n)));
-    known.extend(tool.iter().chain(&seen).map(|(n, _)| (*n).to_owned()));
-    if let Some(i) = table.columns().iter().position(|c| !known.contains(c)) {
-        let near = nearest(&table.columns()[i], known.iter().map(String::as_str));
-        let hint =
-            near.map_or_else(|| format!("columns are {}", known.join(", ")), |n| format!("is {n} meant?"));
-        return Err(table.fail(i, format_args!("unknown column; {hint}")));
+    if seen.iter().all(Option::is_none) {
+        return Err(data!(path, "no column with a deviation: dx_um, dy_um or dz_um"));
     }
-    let given = tool.iter().filter(|(_, i)| i.is_some()).count();
-    if given != 0 && given != 3 {
-        return Err(Failure::data(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
-    }
-    if seen.iter().all(|(_, i)| i.is_none()) {
-        return Err(Failure::data(path, "no column with a deviation: dx_um, dy_um or dz_um"));
-    }
-    let mut rows = Vec::new();
-    while table.advance()? {
-        let number = |c: &Column| table.number(c.index).map(c.to_inner);
+    table.rows(|table| {
         let mut row = Row {
             position: [0.0; MAX_AXES],
             correction: [0.0; MAX_AXES],
             tip: spec.tool_tip,
             deviation: [None; 3],
         };
-        for c in &positions {
-            row.position[c.axis] = number(c)?;
+        for (axis, [position, correction]) in axes.iter().enumerate() {
+            row.position[axis] = table.value_or(*position, 0.0)?;
+            row.correction[axis] = table.value_or(*correction, 0.0)?;
         }
-        for c in &corrections {
-            row.correction[c.axis] = number(c)?;
+        for i in 0..3 {
+            row.tip[i] = table.value_or(tool[i], row.tip[i])?;
+            row.deviation[i] = seen[i].map(|column| table.value(column)).transpose()?;
         }
-        for (i, (_, column)) in tool.iter().enumerate() {
-            if let Some(column) = column {
-                row.tip[i] = table.number(*column)?;
-            }
-        }
-        for (i, (_, column)) in seen.iter().enumerate() {
-            if let Some(column) = column {
-                row.deviation[i] = Some(mm_from_um(table.number(*column)?));
-            }
-        }
-        rows.push(row);
-    }
-    Ok(rows)
+        Ok(row)
+    })
 }
 
 /// The poses to measure next, with the corrections that the model so far asks for.
-fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Result<(), Failure> {
+fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Result<()> {
     let spec = chain.spec();
-    let planned = plan(chain, axis, args.positions, args.lever_mm)
-        .map_err(|e| Failure::new(EX_USAGE, format_args!("error: --next: {e}")))?;
+    let planned = plan(chain, axis, args.positions, args.lever_mm).map_err(|e| usage!("--next: {e}"))?;
     let model = Model::new(spec).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {e}")))?;
     let axes: Vec<AxisName> = spec.chain.axes().iter().map(|a| a.name).collect();
-    let (mut header, mut tail) = (Vec::new(), Vec::new());
-    for a in &axes {
-        let (unit, small) = if a.kind() == AxisKind::Linear { ("mm", "um") } else { ("deg", "arcsec") };
-        header.push(format!("{}_{unit}", a.lower()));
-        tail.push(format!("c{}_{small}", a.lower()));
-    }
-    header.extend(["tool_x_mm", "tool_y_mm", "tool_z_mm"].map(str::to_owned));
-    header.extend(tail);
+    let (mut header, tail): (Vec<String>, Vec<String>) =
+        axes.iter().map(|a| axis_columns(*a)).map(|[position, correction]| (position, correction)).unzip();
+    header.extend(TOOL.map(str::to_owned).into_iter().chain(tail));
     let mut text = header.join(",") + "\n";
     for p in &planned {
         let pose = Pose { tool_tip: Some(p.tip), ..Pose::at(p.position) };
         let correction = model.correct(&pose).1.offset;
-        let both = |values: &AxisArray, linear: fn(f64) -> f64, rotary: fn(f64) -> f64| {
-            let one = |(k, a): (usize, &AxisName)| {
-                if a.kind() == AxisKind::Linear { linear(values[k]) } else { rotary(values[k]) }
-            };
-            axes.iter().enumerate().map(one).collect::<Vec<f64>>()
+        let both = |values: &AxisArray, linear: fn(f64) -> f64, rotary: fn(f64) -> f64| -> Vec<f64> {
+            let unit = |a: &AxisName| if a.kind() == AxisKind::Linear { linear } else { rotary };
+            axes.iter().zip(values).map(|(a, v)| unit(a)(*v)).collect()
         };
         let mut fields = both(&p.position, |v| v, deg_from_rad);
         fields.extend(p.tip.iter());
         fields.extend(both(&correction, um_from_mm, arcsec_from_rad));
-        let words: Vec<String> = fields.iter().map(|v| short(*v)).collect();
-        text.push_str(&words.join(","));
-        text.push('\n');
+        let words: Vec<String> = fields.into_iter().map(short).collect();
+        text.push_str(&(words.join(",") + "\n"));
     }
-    let mut output = Output::create(path)?;
-    output.write_all(text.as_bytes()).map_err(|e| Failure::io(path, &e))?;
-    output.finish()?;
+    write_text(path, &text)?;
     note!("poses written: {} ({} for axis {axis})", path.display(), planned.len());
     Ok(())
 }
@@ -273,79 +218,118 @@ fn short(value: f64) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
-fn write_model(args: &Args, mut file: ModelFile, chain: &Chain) -> Result<(), Failure> {
-    let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
-    let sources = Sources::of(&files);
-    for (step, found) in chain.steps().iter().enumerate() {
-        let from = sources.only(|i| i == step).provenance();
-        let locations = found.locations.iter().map(|(s, ..)| *s);
-        for symbol in found.motions.iter().map(|m| m.symbol).chain(locations) {
-            if let Some((_, function)) = chain.spec().errors.iter().find(|(s, _)| *s == symbol) {
-                put(&mut file, symbol, function.clone(), from.clone());
-            }
+/// The chain as far as it was measured.
+struct Outcome<'a> {
+    args: &'a Args,
+    /// The model before.
+    file: ModelFile,
+    chain: Chain,
+}
+
+impl Found for Outcome<'_> {
+    /// Lengths in um, angles in arcsec.
+    fn json(&self) -> Value {
+        let steps: Vec<Value> = self.chain.steps().iter().map(step_json).collect();
+        json!({"chain": self.chain.spec().chain.to_string(), "steps": steps})
+    }
+
+    fn print(&self) {
+        let chain = &self.chain;
+        say!(
+            "{}, measured in the order of the rows. Uncertainty of the tool tip (k = 1) in um:",
+            chain.spec().chain
+        );
+        say!(
+            "step  positions readings    noise      own  inherited    total  chain so far      rms   expected"
+        );
+        for found in chain.steps() {
+            let show = |v: f64| or_dash(found.sigma.map(|_| um_from_mm(v)), 3);
+            let [noise, own, inherited, total, so_far] = [
+                found.sigma.unwrap_or(0.0),
+                found.tip.own,
+                found.tip.inherited,
+                found.tip.total(),
+                found.chain,
+            ]
+            .map(show);
+            let (axis, positions, readings) = (found.axis.to_string(), found.positions.len(), found.readings);
+            let rms = um_from_mm(found.rms);
+            let expected = or_dash(found.expected_rms.map(um_from_mm), 3);
+            say!(
+                "{axis:<5}{positions:>10}{readings:>9}{noise:>9}{own:>9}{inherited:>11}{total:>9}{so_far:>14}{rms:>9.3}{expected:>11}"
+            );
         }
-        // what the model held of this axis before was replaced
-        file.spec
-            .errors
-            .retain(|(s, _)| s.axis() != found.axis || chain.spec().errors.iter().any(|(kept, _)| kept == s));
-    }
-    if let Some(machine) = &args.out.machine {
-        file.spec.machine.clone_from(machine);
-    }
-    let names: Vec<String> = files.iter().map(|p| p.display().to_string()).collect();
-    args.out.write(&file, &sources.comments(), &names.join(", "))
-}
-
-fn set_up(found: &Found) -> &'static str {
-    match found.set_up {
-        SetUp::Rigid => "rigid",
-        SetUp::ShiftOnly => "shift-only",
-    }
-}
-
-/// Lengths in um, angles in arcsec.
-fn as_json(chain: &Chain) -> Value {
-    let steps: Vec<Value> = chain.steps().iter().map(step_json).collect();
-    json!({"chain": chain.spec().chain.to_string(), "steps": steps})
-}
-
-fn step_json(found: &Found) -> Value {
-    let known = found.sigma.is_some();
-    let um = |v: f64| known.then(|| um_from_mm(v));
-    let position = |q: &f64| if found.axis.kind() == AxisKind::Rotary { deg_from_rad(*q) } else { *q };
-    let mut motions = Map::new();
-    for m in &found.motions {
-        let (unit, scale) = unit_of(m.symbol);
-        let name = m.symbol.to_string().to_lowercase();
-        let part = |f: &dyn Fn(&volcomp_identify::grinder::Shares) -> f64| -> Option<Vec<f64>> {
-            known.then(|| m.std.iter().map(|s| scale(f(s))).collect())
-        };
-        motions.insert(
-            name,
-            json!({
-                format!("value_{unit}"): m.values.iter().map(|v| scale(*v)).collect::<Vec<f64>>(),
-                format!("own_{unit}"): part(&|s| s.own),
-                format!("inherited_{unit}"): part(&|s| s.inherited),
-            }),
+        for found in chain.steps() {
+            say!();
+            print_step(found);
+        }
+        say!();
+        say!(
+            "Assumed: axes not yet measured stand still; the artefact is rigid and lies anywhere (one set-up per file);"
+        );
+        say!(
+            "all motions are zero at the reference position; straight lines between positions; tips as stated."
         );
     }
-    let locations: Map<String, Value> = found
-        .locations
-        .iter()
-        .map(|(s, value, std)| {
-            let (unit, scale) = unit_of(*s);
-            let entry = json!({"value": scale(*value), "std": known.then(|| scale(*std)), "unit": unit});
-            (s.to_string().to_lowercase(), entry)
-        })
-        .collect();
+
+    fn write(&self) -> Result<String> {
+        let (args, chain, mut file) = (self.args, &self.chain, self.file.clone());
+        let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
+        let sources = Sources::of(&files);
+        for (step, found) in chain.steps().iter().enumerate() {
+            let from = sources.only(|i| i == step).provenance();
+            let locations = found.locations.iter().map(|(s, ..)| *s);
+            for symbol in found.motions.iter().map(|m| m.symbol).chain(locations) {
+                if let Some((_, function)) = chain.spec().errors.iter().find(|(s, _)| *s == symbol) {
+                    put(&mut file, symbol, function.clone(), from.clone());
+                }
+            }
+            // what the model held of this axis before was replaced
+            file.spec.errors.retain(|(s, _)| {
+                s.axis() != found.axis || chain.spec().errors.iter().any(|(kept, _)| kept == s)
+            });
+        }
+        if let Some(machine) = &args.out.machine {
+            file.spec.machine.clone_from(machine);
+        }
+        args.out.write(&file, &sources.comments(), &files)?;
+        Ok(String::new())
+    }
+}
+
+/// The reference position or another of a step, in mm or deg.
+fn position(found: &Step, q: f64) -> f64 {
+    if found.axis.kind() == AxisKind::Rotary { deg_from_rad(q) } else { q }
+}
+
+fn step_json(found: &Step) -> Value {
+    let known = found.sigma.is_some();
+    let um = |v: f64| known.then(|| um_from_mm(v));
+    let (mut motions, mut locations) = (json!({}), json!({}));
+    for m in &found.motions {
+        let units = Units::of(m.symbol);
+        let part = |f: fn(&Shares) -> f64| -> Option<Vec<f64>> {
+            known.then(|| m.std.iter().map(|s| (units.of_value)(f(s))).collect())
+        };
+        motions[key(m.symbol)] = json!({
+            format!("value_{}", units.value): units.values(&m.values),
+            format!("own_{}", units.value): part(|s| s.own),
+            format!("inherited_{}", units.value): part(|s| s.inherited),
+        });
+    }
+    for (symbol, value, std) in &found.locations {
+        let Units { value: unit, of_value, .. } = Units::of(*symbol);
+        let std = known.then(|| of_value(*std));
+        locations[key(*symbol)] = json!({"value": of_value(*value), "std": std, "unit": unit});
+    }
     let unit = if found.axis.kind() == AxisKind::Rotary { "deg" } else { "mm" };
     json!({
         "axis": found.axis.lower().to_string(),
-        format!("position_{unit}"): found.positions.iter().map(position).collect::<Vec<f64>>(),
+        format!("position_{unit}"): found.positions.iter().map(|q| position(found, *q)).collect::<Vec<_>>(),
         "reference": found.reference,
         "motions": motions,
         "locations": locations,
-        "set_up": set_up(found),
+        "set_up": if found.set_up == SetUp::Rigid { "rigid" } else { "shift-only" },
         "readings": found.readings,
         "dof": found.dof,
         "noise_um": found.sigma.map(um_from_mm),
@@ -360,74 +344,22 @@ fn step_json(found: &Found) -> Value {
     })
 }
 
-fn unit_of(symbol: ErrorSymbol) -> (&'static str, fn(f64) -> f64) {
-    if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) }
-}
-
-fn print(chain: &Chain) {
-    say!(
-        "{}, measured in the order of the rows. Uncertainty of the tool tip (k = 1) in um:",
-        chain.spec().chain
-    );
-    say!(
-        "{:<5}{:>10}{:>9}{:>9}{:>9}{:>11}{:>9}{:>14}{:>9}{:>11}",
-        "step",
-        "positions",
-        "readings",
-        "noise",
-        "own",
-        "inherited",
-        "total",
-        "chain so far",
-        "rms",
-        "expected"
-    );
-    for found in chain.steps() {
-        let show = |v: f64| found.sigma.map_or_else(|| "-".to_owned(), |_| format!("{:.3}", um_from_mm(v)));
-        say!(
-            "{:<5}{:>10}{:>9}{:>9}{:>9}{:>11}{:>9}{:>14}{:>9.3}{:>11}",
-            found.axis.to_string(),
-            found.positions.len(),
-            found.readings,
-            show(found.sigma.unwrap_or(0.0)),
-            show(found.tip.own),
-            show(found.tip.inherited),
-            show(found.tip.total()),
-            show(found.chain),
-            um_from_mm(found.rms),
-            found.expected_rms.map_or_else(|| "-".to_owned(), |v| format!("{:.3}", um_from_mm(v))),
-        );
-    }
-    for found in chain.steps() {
-        say!();
-        print_step(found);
-    }
-    say!();
-    say!(
-        "Assumed: axes not yet measured stand still; the artefact is rigid and lies anywhere (one set-up per file);"
-    );
-    say!("all motions are zero at the reference position; straight lines between positions; tips as stated.");
-}
-
-fn print_step(found: &Found) {
-    let reference = found.positions[found.reference];
-    let reference = match found.axis.kind() {
-        AxisKind::Linear => format!("{reference:.3} mm"),
-        AxisKind::Rotary => format!("{:.3} deg", deg_from_rad(reference)),
-    };
-    say!("axis {}: zero at {reference}, condition {:.1}", found.axis, found.condition);
+fn print_step(found: &Step) {
+    let unit = if found.axis.kind() == AxisKind::Rotary { "deg" } else { "mm" };
+    let reference = position(found, found.positions[found.reference]);
+    say!("axis {}: zero at {reference:.3} {unit}, condition {:.1}", found.axis, found.condition);
+    let plus_minus = |v: f64| found.sigma.map_or_else(String::new, |_| format!("  +- {v:.3}"));
     for m in &found.motions {
-        let (unit, scale) = unit_of(m.symbol);
+        let Units { value: unit, of_value, .. } = Units::of(m.symbol);
         let (low, high) =
             m.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        let worst = m.std.iter().map(|s| s.total()).fold(0.0, f64::max);
-        let std = found.sigma.map_or_else(String::new, |_| format!("  +- {:.3}", scale(worst)));
-        say!("  {:<6}{:>10.3} to {:>9.3} {unit:<7}{std}", m.symbol.to_string(), scale(low), scale(high));
+        let worst = m.std.iter().map(Shares::total).fold(0.0, f64::max);
+        let ([low, high], std) = ([low, high].map(of_value), plus_minus(of_value(worst)));
+        say!("  {:<6}{low:>10.3} to {high:>9.3} {unit:<7}{std}", m.symbol);
     }
     for (symbol, value, std) in &found.locations {
-        let (unit, scale) = unit_of(*symbol);
-        let std = found.sigma.map_or_else(String::new, |_| format!("  +- {:.3}", scale(*std)));
-        say!("  {:<6}{:>10.3}              {unit:<7}{std}", symbol.to_string(), scale(*value));
+        let Units { value: unit, of_value, .. } = Units::of(*symbol);
+        say!("  {symbol:<6}{:>10.3}              {unit:<7}{}", of_value(*value), plus_minus(of_value(*std)));
     }
     if found.set_up == SetUp::ShiftOnly {
         say!("  the artefact is taken to lie parallel to the axes: the readings cannot show its turn");
@@ -438,10 +370,9 @@ fn print_step(found: &Found) {
         say!("  rigidity: probability {p:.3}, {verdict}");
     }
     if let Some(expected) = found.expected_rms.filter(|e| found.rms > 2.0 * e) {
+        let [rms, expected] = [found.rms, expected].map(um_from_mm);
         say!(
-            "  left over {:.2} um against {:.2} um expected: earlier axes are not as well known as stated, or do not repeat",
-            um_from_mm(found.rms),
-            um_from_mm(expected)
+            "  left over {rms:.2} um against {expected:.2} um expected: earlier axes are not as well known as stated, or do not repeat"
         );
     }
 }

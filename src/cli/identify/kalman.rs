@@ -1,24 +1,26 @@
 //! `volcomp identify kalman`: the filter on node values, on a case or on a recording.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::path::PathBuf;
 
 use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use super::case::{CaseArgs, print_json};
+use super::case::{CaseArgs, CaseFile};
+use super::columns::{self, Column, Columns};
+use super::method::{Found, Front, Method, printed};
 use crate::arg_parsers::linear_axis;
 use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
-use crate::table::{self, Table};
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::units::{Units, key};
+use crate::{Failure, Result};
 use volcomp_config::ModelFile;
 use volcomp_estimate::filter::COMPONENTS_MAX;
 use volcomp_estimate::{
-    Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Verdict,
+    Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Update, Verdict,
 };
-use volcomp_model::curve::{ErrorFunction, Grid};
+use volcomp_model::curve::{CurveError, ErrorFunction, Grid};
 use volcomp_model::{ErrorSymbol, Sense};
 use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// Kalman filter on the node values of a grid of hexahedral cells.
 ///
@@ -42,31 +44,13 @@ pub(super) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = linear_axis)]
     axes: Vec<AxisName>,
     /// Nodes along the first axis, mm.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "MM",
-        required_unless_present_any = ["input", "file"],
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
     first: Vec<f64>,
     /// Nodes along the second axis, mm.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "MM",
-        required_unless_present_any = ["input", "file"],
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
     second: Vec<f64>,
     /// Nodes along the third axis, mm.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "MM",
-        required_unless_present_any = ["input", "file"],
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
     third: Vec<f64>,
     /// How far the model may be wrong (k = 1), um or arcsec.
     #[arg(long, value_name = "STD", required_unless_present_any = ["input", "file"])]
@@ -136,30 +120,30 @@ struct CaseObservation {
     value: f64,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (args.case.file(), args.case.data(&args.data)) {
-        (Some(file), _) => {
-            file.writes_no_model(args.model.target().is_some())?;
-            let result = of_case(&file.read()?).map_err(|e| file.bad(e))?;
-            if args.case.json {
-                print_json(&Value::Object(result));
-            } else {
-                report_case(&result);
-            }
-            Ok(())
-        }
-        (None, Some(path)) => of_table(args, path),
-        (None, None) => Err(Failure::new(EX_USAGE, "error: neither --input nor --data is given")),
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.case.front(&self.model)
+    }
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        of_case(&file.read()?).map_err(|e| file.bad(e))
+    }
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        let Some(path) = self.case.data(&self.data) else {
+            return Err(usage!("neither --input nor --data is given"));
+        };
+        Ok(Some(Box::new(Outcome::of(self, path)?)))
     }
 }
 
-fn only_first() -> [f64; COMPONENTS_MAX] {
+fn observation(grid: &NodeGrid, at: [f64; 3], value: f64) -> Observation {
     let mut weights = [0.0; COMPONENTS_MAX];
     weights[0] = 1.0;
-    weights
+    Observation { place: grid.place(at), weights, value, nuisance: None }
 }
 
-fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
+fn of_case(case: &Case) -> Result<Box<dyn Found>, String> {
     let CaseGrid { x, y, z } = &case.grid;
     let grid = NodeGrid::new(x.clone(), y.clone(), z.clone()).map_err(|e| e.to_string())?;
     let adaptation = case.adaptive.as_ref().map(|a| Adaptation { share: a.d, low: a.r_min, high: a.r_max });
@@ -169,115 +153,90 @@ fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
     }
     let rules = Rules { gate: case.gate.unwrap_or(f64::INFINITY), cap_at_prior: false, ..Rules::default() };
     let process = Process::RandomWalk { variance_per_s: case.q_diag };
-    let sigma = [case.p0.sigma];
-    let mut filter = NodeFilter::new(&grid, &case.x0, &sigma, case.p0.correlation_length, process, rules)
+    let Prior { sigma, correlation_length } = case.p0;
+    let mut filter = NodeFilter::new(&grid, &case.x0, &[sigma], correlation_length, process, rules)
         .map_err(|e| e.to_string())?;
-    let mut sequence = Vec::with_capacity(case.observations.len());
-    let (mut ratios, mut rejected) = (0.0, 0);
-    for o in &case.observations {
+    let update = |o: &CaseObservation| {
         filter.predict(1.0);
-        let seen = Observation {
-            place: grid.place(o.position),
-            weights: only_first(),
-            value: o.value,
-            nuisance: None,
-        };
-        let update = filter.update(&seen, &mut noise);
-        match update.verdict {
-            Verdict::Accepted => ratios += update.ratio(),
-            _ => rejected += 1,
+        filter.update(&observation(&grid, o.position, o.value), &mut noise)
+    };
+    let updates: Vec<Update> = case.observations.iter().map(update).collect();
+    let accepted: Vec<&Update> = updates.iter().filter(|u| u.verdict == Verdict::Accepted).collect();
+    let mean_ratio = accepted.iter().fold(0.0, |sum, u| sum + u.ratio()) / accepted.len() as f64;
+    let rejected = updates.len() - accepted.len();
+    let sequence: Vec<f64> = updates.iter().map(|u| u.measurement_variance).collect();
+    let (state, variance): (Vec<f64>, Vec<f64>) = (filter.state().to_vec(), filter.variances().collect());
+    let mut json =
+        json!({"state": state, "variance": variance, "mean_ratio": mean_ratio, "rejected": rejected});
+    let last = sequence.last().copied().filter(|_| adaptation.is_some());
+    if adaptation.is_some() {
+        json["R_sequence"] = json!(sequence);
+    }
+    Ok(printed(json, move || {
+        say!("node          value           std");
+        for (i, (x, v)) in state.iter().zip(&variance).enumerate() {
+            say!("{i:>4}{x:>15.6e}{:>14.6e}", v.sqrt());
         }
-        sequence.push(update.measurement_variance);
-    }
-    let mut map = Map::new();
-    map.insert("state".into(), json!(filter.state()));
-    map.insert("variance".into(), json!(filter.variances().collect::<Vec<_>>()));
-    if case.adaptive.is_some() {
-        map.insert("R_sequence".into(), json!(sequence));
-    }
-    map.insert("mean_ratio".into(), json!(ratios / (case.observations.len() - rejected) as f64));
-    map.insert("rejected".into(), json!(rejected));
-    Ok(map)
-}
-
-fn report_case(map: &Map<String, Value>) {
-    let list = |key: &str| map.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
-    say!("node          value           std");
-    for (i, (x, v)) in list("state").iter().zip(&list("variance")).enumerate() {
-        let (x, v) = (x.as_f64().unwrap_or(f64::NAN), v.as_f64().unwrap_or(f64::NAN));
-        say!("{i:>4}{x:>15.6e}{:>14.6e}", v.sqrt());
-    }
-    if let Some(r) = list("R_sequence").last().and_then(Value::as_f64) {
-        say!("measurement std at the end {:.6e}", r.sqrt());
-    }
-    say!(
-        "nu^2/S in the mean {:.3}, rejected {}",
-        map["mean_ratio"].as_f64().unwrap_or(f64::NAN),
-        map["rejected"]
-    );
-}
-
-/// One error motion in the units of its column.
-struct Unit {
-    name: &'static str,
-    to_inner: fn(f64) -> f64,
-    to_outer: fn(f64) -> f64,
-}
-
-impl Unit {
-    fn of(symbol: ErrorSymbol) -> Self {
-        if symbol.is_angle() {
-            Self { name: "arcsec", to_inner: rad_from_arcsec, to_outer: arcsec_from_rad }
-        } else {
-            Self { name: "um", to_inner: mm_from_um, to_outer: um_from_mm }
+        if let Some(r) = last {
+            say!("measurement std at the end {:.6e}", r.sqrt());
         }
-    }
+        say!("nu^2/S in the mean {mean_ratio:.3}, rejected {rejected}");
+    }))
 }
 
 /// Where a table keeps what.
-struct Columns {
-    time: Option<usize>,
-    positions: [usize; 3],
-    value: usize,
+struct TableColumns {
+    time: Option<Column>,
+    positions: [Column; 3],
+    value: Column,
     symbol: ErrorSymbol,
 }
 
-impl Columns {
-    fn find<R: std::io::BufRead>(table: &Table<R>, axes: &[AxisName; 3]) -> Result<Self, Failure> {
+impl TableColumns {
+    fn find(table: &mut Columns, axes: &[AxisName; 3]) -> Result<Self> {
         let time = table.find("t_s");
-        let mut positions = [0; 3];
-        for (place, axis) in positions.iter_mut().zip(axes) {
-            *place = table.require(&format!("{}_mm", axis.lower()))?;
-        }
-        let mut found = None;
-        for (i, column) in table.columns().iter().enumerate() {
-            if Some(i) == time || positions.contains(&i) {
+        let [a, b, c] = axes.map(|axis| format!("{}_mm", axis.lower()));
+        let positions = table.three([&a, &b, &c])?;
+        let mut found: Option<(Column, ErrorSymbol)> = None;
+        for (i, column) in table.table.columns().to_vec().iter().enumerate() {
+            if table.known().contains(column) {
                 continue;
             }
             let (name, unit) = column.rsplit_once('_').unwrap_or((column, ""));
-            match ErrorSymbol::parse(name).filter(|s| !s.is_constant() && Unit::of(*s).name == unit) {
-                Some(symbol) if found.is_none() => found = Some((i, symbol)),
-                Some(_) => return Err(table.fail(i, "a second error; filter one error at a time")),
+            let symbol = ErrorSymbol::parse(name);
+            match symbol.filter(|s| !s.is_constant() && Units::of(*s).value == unit) {
+                Some(symbol) if found.is_none() => found = table.find(column).map(|c| (c, symbol)),
+                Some(_) => return Err(table.table.fail(i, "a second error; filter one error at a time")),
                 None => {
-                    return Err(table.fail(i, "unknown column; columns are t_s, the axes in mm, and one error such as eaz_arcsec or ezz_um"));
+                    return Err(table.table.fail(i, "unknown column; columns are t_s, the axes in mm, and one error such as eaz_arcsec or ezz_um"));
                 }
             }
         }
         let Some((value, symbol)) = found else {
-            return Err(Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {}: no column with an error, such as eaz_arcsec or ezz_um",
-                    table.file()
-                ),
-            ));
+            return Err(table.file_error("no column with an error, such as eaz_arcsec or ezz_um"));
         };
         Ok(Self { time, positions, value, symbol })
     }
 }
 
 /// What the filter made of a table.
-struct Outcome {
+struct Outcome<'a> {
+    args: &'a Args,
+    path: &'a Path,
+    /// The model before, in which the map takes its place.
+    model: ModelFile,
+    function: ErrorFunction,
+    axes: [AxisName; 3],
+    symbol: ErrorSymbol,
+    grid: NodeGrid,
+    filter: NodeFilter,
+    noise: MeasurementNoise,
+    run: Run,
+}
+
+/// What the filter made of the rows.
+#[derive(Default)]
+struct Run {
     readings: usize,
     rejected: usize,
     alarm: bool,
@@ -287,84 +246,121 @@ struct Outcome {
     outside: usize,
 }
 
-fn of_table(args: &Args, path: &Path) -> Result<(), Failure> {
-    let axes: [AxisName; 3] = args.axes.as_slice().try_into().map_err(|_| {
-        Failure::new(EX_USAGE, format_args!("error: --axes names {} axes; a grid has three", args.axes.len()))
-    })?;
-    if axes[0] == axes[1] || axes[0] == axes[2] || axes[1] == axes[2] {
-        return Err(Failure::new(EX_USAGE, "error: --axes names an axis twice"));
+impl<'a> Outcome<'a> {
+    fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
+        let axes: [AxisName; 3] = args
+            .axes
+            .as_slice()
+            .try_into()
+            .map_err(|_| usage!("--axes names {} axes; a grid has three", args.axes.len()))?;
+        if axes[0] == axes[1] || axes[0] == axes[2] || axes[1] == axes[2] {
+            return Err(usage!("--axes names an axis twice"));
+        }
+        let grid = NodeGrid::new(args.first.clone(), args.second.clone(), args.third.clone())
+            .map_err(Failure::usage)?;
+        let mut table = columns::open(path)?;
+        let columns = TableColumns::find(&mut table, &axes)?;
+        let (symbol, to_inner) = (columns.symbol, Units::of(columns.symbol).to_inner);
+        if args.walk_per_sqrt_h > 0.0 && columns.time.is_none() {
+            return Err(table.file_error("--walk-per-sqrt-h needs the column t_s"));
+        }
+        let model = args.model.base(|| default_chain(axes))?;
+        let before = offline(&model, symbol)?;
+        let variance = to_inner(args.noise.unwrap_or(0.0)).powi(2);
+        let adaptation = Adaptation { share: 0.02, low: 0.01 * variance, high: 100.0 * variance };
+        let mut noise = MeasurementNoise::new(variance, args.adaptive.then_some(adaptation))
+            .map_err(|e| usage!("--noise: {e}"))?;
+        let limit = args.limit.map_or(f64::INFINITY, |l| to_inner(l.abs()));
+        let walk = to_inner(args.walk_per_sqrt_h).powi(2) / 3600.0;
+        let mut filter = NodeFilter::new(
+            &grid,
+            &vec![0.0; grid.nodes()],
+            &[to_inner(args.sigma.unwrap_or(0.0))],
+            args.correlation_mm,
+            Process::RandomWalk { variance_per_s: walk },
+            Rules { limit, ..Rules::default() },
+        )
+        .map_err(Failure::usage)?;
+        let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
+        let run = Run::of(&mut table, &columns, &grid, (&mut filter, &mut noise), offline_at)?;
+        let function =
+            with_grid(before, &axes, &grid, &filter).map_err(|e| data!(symbol.to_string(), "{e}"))?;
+        Ok(Self { args, path, model, function, axes, symbol, grid, filter, noise, run })
     }
-    let grid = NodeGrid::new(args.first.clone(), args.second.clone(), args.third.clone())
-        .map_err(|e| Failure::new(EX_USAGE, format_args!("error: {e}")))?;
-    let mut table = table::open(path)?;
-    let columns = Columns::find(&table, &axes)?;
-    let (symbol, unit) = (columns.symbol, Unit::of(columns.symbol));
-    if args.walk_per_sqrt_h > 0.0 && columns.time.is_none() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: --walk-per-sqrt-h needs the column t_s", table.file()),
-        ));
+}
+
+impl Found for Outcome<'_> {
+    fn json(&self) -> Value {
+        let Units { value: u, of_value: out, .. } = Units::of(self.symbol);
+        json!({
+            "error": key(self.symbol),
+            "nodes_mm": (0..self.grid.nodes()).map(|i| self.grid.node(i)).collect::<Vec<_>>(),
+            format!("change_{u}"): self.filter.map().map(out).collect::<Vec<f64>>(),
+            format!("std_{u}"): self.filter.variances().map(|v| out(v.sqrt())).collect::<Vec<f64>>(),
+            format!("noise_{u}"): out(self.noise.variance().sqrt()),
+            format!("rms_before_{u}"): out(self.run.before),
+            format!("rms_after_{u}"): out(self.run.after),
+            "mean_ratio": self.run.mean_ratio,
+            "readings": self.run.readings,
+            "rejected": self.run.rejected,
+            "outside": self.run.outside,
+            "alarm": self.run.alarm,
+        })
     }
-    let mut model = args.model.base(|| default_chain(axes))?;
-    let before = offline(&model, symbol)?;
-    let (sigma, std) = (args.sigma.unwrap_or(0.0), args.noise.unwrap_or(0.0));
-    let variance = (unit.to_inner)(std).powi(2);
-    let adaptation =
-        args.adaptive.then_some(Adaptation { share: 0.02, low: 0.01 * variance, high: 100.0 * variance });
-    let mut noise = MeasurementNoise::new(variance, adaptation)
-        .map_err(|e| Failure::new(EX_USAGE, format_args!("error: --noise: {e}")))?;
-    let rules =
-        Rules { limit: args.limit.map_or(f64::INFINITY, |l| (unit.to_inner)(l.abs())), ..Rules::default() };
-    let walk = (unit.to_inner)(args.walk_per_sqrt_h).powi(2) / 3600.0;
-    let mut filter = NodeFilter::new(
-        &grid,
-        &vec![0.0; grid.nodes()],
-        &[(unit.to_inner)(sigma)],
-        args.correlation_mm,
-        Process::RandomWalk { variance_per_s: walk },
-        rules,
-    )
-    .map_err(|e| Failure::new(EX_USAGE, format_args!("error: {e}")))?;
-    let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
-    let outcome = filter_table(&mut table, &columns, &unit, &grid, (&mut filter, &mut noise), offline_at)?;
-    let function = with_grid(before, &axes, &grid, &filter)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {symbol}: {e}")))?;
-    if args.case.json {
-        print_json(&json_of(symbol, &unit, &grid, &filter, &noise, &outcome));
-    } else if !args.model.takes_stdout() {
-        report(symbol, &unit, &grid, &filter, &noise, &outcome);
+
+    fn print(&self) {
+        let Units { value: unit, of_value: out, .. } = Units::of(self.symbol);
+        say!("{}: change of the map, {unit} (k = 1)", self.symbol);
+        say!("     first    second     third      change       std");
+        for (i, (value, variance)) in self.filter.map().zip(self.filter.variances()).enumerate() {
+            let [a, b, c] = self.grid.node(i);
+            say!("{a:>10.1}{b:>10.1}{c:>10.1}{:>12.3}{:>10.3}", out(value), out(variance.sqrt()));
+        }
+        let Run { readings, rejected, mean_ratio, outside, .. } = self.run;
+        let [before, after, noise] = [self.run.before, self.run.after, self.noise.variance().sqrt()].map(out);
+        say!(
+            "{readings} readings, {rejected} rejected; rms {before:.3} before, {after:.3} after; noise {noise:.3} {unit}; nu^2/S {mean_ratio:.2} in the mean"
+        );
+        if self.run.alarm {
+            note!(
+                "warning: five readings in a row were rejected: the instrument or --sigma and --noise are wrong"
+            );
+        }
+        if outside > 0 {
+            note!("note: {outside} readings lie beyond the grid and count at its edge");
+        }
+        // 1.5: beyond it the stated noise explains too little, whatever the number of readings
+        if mean_ratio > 1.5 {
+            note!(
+                "note: readings scatter more than --noise and --sigma say (nu^2/S should be about 1); --adaptive learns the noise"
+            );
+        }
     }
-    if args.model.target().is_some() {
-        let sources = Sources::of(&[path.to_owned()]);
-        put(&mut model, symbol, function, sources.provenance());
-        for name in axes.into_iter().chain([symbol.axis()]) {
+
+    fn write(&self) -> Result<String> {
+        let (files, mut model) = ([self.path.to_owned()], self.model.clone());
+        let sources = Sources::of(&files);
+        put(&mut model, self.symbol, self.function.clone(), sources.provenance());
+        for name in self.axes.into_iter().chain([self.symbol.axis()]) {
             axis_entry(&mut model.spec, name);
         }
-        let mut comment = vec![format!("written by volcomp identify kalman {}", env!("CARGO_PKG_VERSION"))];
-        comment.extend(sources.comments());
-        args.model.write(&model, &comment, &path.display().to_string())?;
+        self.args.model.write(&model, &sources.heading("identify kalman"), &files)?;
+        Ok(String::new())
     }
-    Ok(())
 }
 
 /// What the model says about the error already.
-fn offline(model: &ModelFile, symbol: ErrorSymbol) -> Result<ErrorFunction, Failure> {
+fn offline(model: &ModelFile, symbol: ErrorSymbol) -> Result<ErrorFunction> {
     let axis = model.spec.axis(symbol.axis());
     if axis.sense == Sense::Carriage {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {symbol}: axis {} of the model is in the carriage sense; the measurements are relative: convert the model first",
-                axis.name
-            ),
+        return Err(data!(
+            symbol.to_string(),
+            "axis {} of the model is in the carriage sense; the measurements are relative: convert the model first",
+            axis.name
         ));
     }
-    Ok(model
-        .spec
-        .errors
-        .iter()
-        .find(|(s, _)| *s == symbol)
-        .map_or_else(ErrorFunction::default, |(_, f)| f.clone()))
+    let known = model.spec.errors.iter().find(|(s, _)| *s == symbol);
+    Ok(known.map(|(_, function)| function.clone()).unwrap_or_default())
 }
 
 /// The offline error at a place; axes that the table does not have stand at 0.
@@ -377,72 +373,56 @@ fn value_at(function: &ErrorFunction, symbol: ErrorSymbol, axes: &[AxisName; 3],
     function.value(coordinate(symbol.axis()), Travel::Forward) + grids.sum::<f64>()
 }
 
-fn filter_table<R: std::io::BufRead>(
-    table: &mut Table<R>,
-    columns: &Columns,
-    unit: &Unit,
-    grid: &NodeGrid,
-    (filter, noise): (&mut NodeFilter, &mut MeasurementNoise),
-    offline_at: impl Fn([f64; 3]) -> f64,
-) -> Result<Outcome, Failure> {
-    let mut last: Option<f64> = None;
-    let mut ratios = 0.0;
-    let mut seen: Vec<([f64; 3], f64)> = Vec::new();
-    let mut outcome = Outcome {
-        readings: 0,
-        rejected: 0,
-        alarm: false,
-        mean_ratio: 0.0,
-        before: 0.0,
-        after: 0.0,
-        outside: 0,
-    };
-    while table.advance()? {
-        let mut at = [0.0; 3];
-        for (at, column) in at.iter_mut().zip(columns.positions) {
-            *at = table.number(column)?;
-        }
-        let value = (unit.to_inner)(table.number(columns.value)?) - offline_at(at);
-        if let Some(column) = columns.time {
-            let now = table.number(column)?;
-            let passed = last.map_or(0.0, |last| now - last);
-            if passed < 0.0 {
-                return Err(table
-                    .fail(column, format_args!("{now} s is before the row above; sort the rows by time")));
+impl Run {
+    fn of(
+        table: &mut Columns,
+        columns: &TableColumns,
+        grid: &NodeGrid,
+        (filter, noise): (&mut NodeFilter, &mut MeasurementNoise),
+        offline_at: impl Fn([f64; 3]) -> f64,
+    ) -> Result<Self> {
+        let mut last: Option<f64> = None;
+        let mut seen: Vec<([f64; 3], f64)> = Vec::new();
+        let mut run = Self::default();
+        table.rows(|row| {
+            let at = row.point(columns.positions)?.into();
+            let value = row.value(columns.value)? - offline_at(at);
+            if let Some(column) = columns.time {
+                let now = row.value(column)?;
+                let passed = last.map_or(0.0, |last| now - last);
+                if passed < 0.0 {
+                    let what = "is before the row above; sort the rows by time";
+                    return Err(row.fail(column, format_args!("{now} s {what}")));
+                }
+                filter.predict(passed);
+                last = Some(now);
             }
-            filter.predict(passed);
-            last = Some(now);
+            let reading = observation(grid, at, value);
+            run.outside += usize::from(reading.place.outside);
+            let update = filter.update(&reading, noise);
+            run.readings += 1;
+            run.alarm |= filter.alarm();
+            if update.verdict == Verdict::Accepted {
+                // one reading that is far off says nothing about the noise of the others
+                run.mean_ratio += update.ratio();
+                run.before += value * value;
+                seen.push((at, value));
+            } else {
+                run.rejected += 1;
+            }
+            Ok(())
+        })?;
+        if seen.is_empty() {
+            let what = "no reading was accepted; check --sigma and --noise, and the units";
+            return Err(table.file_error(what));
         }
-        let place = grid.place(at);
-        outcome.outside += usize::from(place.outside);
-        let update =
-            filter.update(&Observation { place, weights: only_first(), value, nuisance: None }, noise);
-        outcome.readings += 1;
-        outcome.alarm |= filter.alarm();
-        if update.verdict == Verdict::Accepted {
-            // one reading that is far off says nothing about the noise of the others
-            ratios += update.ratio();
-            outcome.before += value * value;
-            seen.push((at, value));
-        } else {
-            outcome.rejected += 1;
-        }
+        let n = seen.len() as f64;
+        let squares = |(at, value): &([f64; 3], f64)| (value - filter.value(0, &grid.place(*at))).powi(2);
+        run.after = (seen.iter().map(squares).sum::<f64>() / n).sqrt();
+        run.before = (run.before / n).sqrt();
+        run.mean_ratio /= n;
+        Ok(run)
     }
-    if seen.is_empty() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: no reading was accepted; check --sigma and --noise, and the units",
-                table.file()
-            ),
-        ));
-    }
-    let n = seen.len() as f64;
-    let squares = |(at, value): &([f64; 3], f64)| (value - filter.value(0, &grid.place(*at))).powi(2);
-    outcome.after = (seen.iter().map(squares).sum::<f64>() / n).sqrt();
-    outcome.before = (outcome.before / n).sqrt();
-    outcome.mean_ratio = ratios / n;
-    Ok(outcome)
 }
 
 /// The function with the map as one more grid, or in place of a grid over the same nodes.
@@ -451,7 +431,7 @@ fn with_grid(
     axes: &[AxisName; 3],
     grid: &NodeGrid,
     filter: &NodeFilter,
-) -> Result<ErrorFunction, volcomp_model::curve::CurveError> {
+) -> Result<ErrorFunction, CurveError> {
     // the grid of the model has its last axis fastest, the filter its first
     let edges = |i: usize| (axes[i], grid.positions(i).to_vec());
     let mut values: Vec<f64> = filter.map().collect();
@@ -466,73 +446,4 @@ fn with_grid(
     let variances: f64 = filter.variances().sum();
     function.std = Some((variances / filter.state().len() as f64).sqrt());
     Ok(function)
-}
-
-fn json_of(
-    symbol: ErrorSymbol,
-    unit: &Unit,
-    grid: &NodeGrid,
-    filter: &NodeFilter,
-    noise: &MeasurementNoise,
-    outcome: &Outcome,
-) -> Value {
-    let u = unit.name;
-    let nodes: Vec<[f64; 3]> = (0..grid.nodes()).map(|i| grid.node(i)).collect();
-    let map: Vec<f64> = filter.map().map(unit.to_outer).collect();
-    let std: Vec<f64> = filter.variances().map(|v| (unit.to_outer)(v.sqrt())).collect();
-    let mut out = Map::new();
-    out.insert("error".into(), json!(symbol.to_string().to_lowercase()));
-    out.insert("nodes_mm".into(), json!(nodes));
-    out.insert(format!("change_{u}"), json!(map));
-    out.insert(format!("std_{u}"), json!(std));
-    out.insert(format!("noise_{u}"), json!((unit.to_outer)(noise.variance().sqrt())));
-    out.insert(format!("rms_before_{u}"), json!((unit.to_outer)(outcome.before)));
-    out.insert(format!("rms_after_{u}"), json!((unit.to_outer)(outcome.after)));
-    out.insert("mean_ratio".into(), json!(outcome.mean_ratio));
-    out.insert("readings".into(), json!(outcome.readings));
-    out.insert("rejected".into(), json!(outcome.rejected));
-    out.insert("outside".into(), json!(outcome.outside));
-    out.insert("alarm".into(), json!(outcome.alarm));
-    Value::Object(out)
-}
-
-fn report(
-    symbol: ErrorSymbol,
-    unit: &Unit,
-    grid: &NodeGrid,
-    filter: &NodeFilter,
-    noise: &MeasurementNoise,
-    outcome: &Outcome,
-) {
-    let out = unit.to_outer;
-    say!("{symbol}: change of the map, {} (k = 1)", unit.name);
-    say!("{:>10}{:>10}{:>10}{:>12}{:>10}", "first", "second", "third", "change", "std");
-    for (i, (value, variance)) in filter.map().zip(filter.variances()).enumerate() {
-        let [a, b, c] = grid.node(i);
-        say!("{a:>10.1}{b:>10.1}{c:>10.1}{:>12.3}{:>10.3}", out(value), out(variance.sqrt()));
-    }
-    say!(
-        "{} readings, {} rejected; rms {:.3} before, {:.3} after; noise {:.3} {}; nu^2/S {:.2} in the mean",
-        outcome.readings,
-        outcome.rejected,
-        out(outcome.before),
-        out(outcome.after),
-        out(noise.variance().sqrt()),
-        unit.name,
-        outcome.mean_ratio
-    );
-    if outcome.alarm {
-        note!(
-            "warning: five readings in a row were rejected: the instrument or --sigma and --noise are wrong"
-        );
-    }
-    if outcome.outside > 0 {
-        note!("note: {} readings lie beyond the grid and count at its edge", outcome.outside);
-    }
-    // 1.5: beyond it the stated noise explains too little, whatever the number of readings
-    if outcome.mean_ratio > 1.5 {
-        note!(
-            "note: readings scatter more than --noise and --sigma say (nu^2/S should be about 1); --adaptive learns the noise"
-        );
-    }
 }

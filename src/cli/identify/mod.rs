@@ -6,11 +6,14 @@
 pub(crate) mod ballbar;
 mod case;
 mod circles;
+pub(crate) mod columns;
+mod curve_fits;
 mod diagonals;
 mod fits;
 mod fivedof;
 mod grinder;
 mod kalman;
+mod method;
 mod motion_curves;
 mod nineline;
 mod probe;
@@ -19,53 +22,45 @@ mod straightness;
 mod threepoint;
 mod tracker_points;
 
-use super::Failure;
-
 /// Turn instrument data into an error model.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     #[command(subcommand)]
-    method: Method,
+    method: Chosen,
 }
 
-#[derive(Debug, clap::Subcommand)]
-enum Method {
+/// The methods as subcommands.
+macro_rules! methods {
+    ($($(#[$about:meta])* $name:ident($args:ty),)*) => {
+        #[derive(Debug, clap::Subcommand)]
+        enum Chosen { $($(#[$about])* $name(Box<$args>),)* }
+
+        pub(super) fn run(args: &Args) -> crate::Result<()> {
+            match &args.method { $(Chosen::$name(method) => method::run(method.as_ref()),)* }
+        }
+    };
+}
+
+methods! {
     /// Six error motions from three or more points on the carriage, seen by a laser tracker.
-    Threepoint(Box<threepoint::Args>),
+    Threepoint(threepoint::Args),
     /// Six error motions from nine lines measured with an interferometer.
-    Nineline(Box<nineline::Args>),
+    Nineline(nineline::Args),
     /// Straightness, roll, pitch and yaw from the readings of a 5-DOF laser.
-    Fivedof(Box<fivedof::Args>),
+    Fivedof(fivedof::Args),
     /// Straightness and angles of a 6D interferometer, about least-squares, end-point and minimum-zone lines.
-    Straightness(Box<straightness::Args>),
+    Straightness(straightness::Args),
     /// Squareness from four body diagonals.
-    Diagonals(Box<diagonals::Args>),
+    Diagonals(diagonals::Args),
     /// Tool axis and tip from two circles in space.
-    Circles(Box<circles::Args>),
+    Circles(circles::Args),
     /// Ram errors from several poses of the tool.
-    Ram(Box<ram::Args>),
-    Probe(Box<probe::Args>),
-    Grinder(Box<grinder::Args>),
-    Ballbar(Box<ballbar::Args>),
+    Ram(ram::Args),
+    Probe(probe::Args),
+    Grinder(grinder::Args),
+    Ballbar(ballbar::Args),
     /// Error curves: the same as volcomp fit, on a case of the reference vectors.
-    Fits(Box<fits::Args>),
+    Fits(fits::Args),
     /// Kalman filter on node values of a grid.
-    Kalman(Box<kalman::Args>),
-}
-
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.method {
-        Method::Threepoint(a) => threepoint::run(a),
-        Method::Nineline(a) => nineline::run(a),
-        Method::Fivedof(a) => fivedof::run(a),
-        Method::Straightness(a) => straightness::run(a),
-        Method::Diagonals(a) => diagonals::run(a),
-        Method::Circles(a) => circles::run(a),
-        Method::Ram(a) => ram::run(a),
-        Method::Probe(a) => probe::run(a),
-        Method::Grinder(a) => grinder::run(a),
-        Method::Ballbar(a) => ballbar::run(a),
-        Method::Fits(a) => fits::run(a),
-        Method::Kalman(a) => kalman::run(a),
-    }
+    Kalman(kalman::Args),
 }

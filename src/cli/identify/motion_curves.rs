@@ -6,18 +6,24 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::columns;
+use super::curve_fits::CurveFits;
+use super::method::{Found, Front};
+use crate::Result;
+use crate::arg_parsers::one_of;
 use crate::files::write_text;
-use crate::fit::report::{Fitted, comments, note_text, print_table};
-use crate::model_writer::{ModelWriter, Sources, axis_entry, put};
-use crate::{EX_DATAERR, Failure};
+use crate::fit::basis::{Auto, BASES};
+use crate::fit::report::comments;
+use crate::model_writer::{ModelWriter, axis_entry, data_error};
+use crate::units::{Units, column};
 use volcomp_config::ModelFile;
-use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::curve::Basis;
 use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_model::{Component, ErrorFunction, Sense};
+use volcomp_model::{Component, Sense};
+use volcomp_units::arcsec_from_rad;
 use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// What becomes of the error motions.
 #[derive(Debug, clap::Args)]
@@ -25,11 +31,11 @@ pub(super) struct CurveArgs {
     #[command(flatten)]
     pub(super) model: ModelWriter,
     /// Family of the curves in the model.
-    #[arg(long, value_enum, default_value = "auto")]
-    basis: BasisArg,
+    #[arg(long, value_parser = one_of(BASES), default_value = "auto")]
+    basis: Auto<Basis>,
     /// The line taken out of the straightnesses; its slope is reported.
-    #[arg(long, value_enum, default_value = "end-point")]
-    straightness: LineArg,
+    #[arg(long, value_parser = one_of(LINES), default_value = "end-point")]
+    straightness: Line,
     /// Coordinate at which all six are zero; default 0, or the nearest end of the measured range.
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     zero_at_mm: Option<f64>,
@@ -38,30 +44,15 @@ pub(super) struct CurveArgs {
     motions: Option<PathBuf>,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum BasisArg {
-    /// Half-range or Chebyshev, or a fitted period or table where the data call for it.
-    Auto,
-    /// Mean, linear part and sine half waves.
-    HalfRange,
-    /// Chebyshev polynomials.
-    Chebyshev,
-    /// The mean at every position, with a reverse curve where both directions were measured.
-    Table,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum LineArg {
-    /// Through the first and the last position.
-    EndPoint,
-    /// Least squares.
-    LeastSquares,
-    /// None: the frame of the instrument is trusted.
-    AsMeasured,
-}
+/// Lines that can be taken out of straightnesses.
+const LINES: &[(&str, &str, Line)] = &[
+    ("end-point", "Through the first and the last position", Line::EndPoint),
+    ("least-squares", "Least squares", Line::LeastSquares),
+    ("as-measured", "None: the frame of the instrument is trusted", Line::AsMeasured),
+];
 
 /// Where the motions hold and what they were made from.
-pub(super) struct Origin<'a> {
+pub(super) struct Origin {
     /// The axis.
     pub(super) axis: AxisName,
     /// Point of the carriage at which EX EY EZ hold, M at home, mm.
@@ -69,213 +60,182 @@ pub(super) struct Origin<'a> {
     /// What measured.
     pub(super) method: &'static str,
     /// The data files.
-    pub(super) files: &'a [PathBuf],
+    pub(super) files: Vec<PathBuf>,
+}
+
+/// What a method says about its motions beside their values.
+pub(super) trait Report {
+    /// The object, of which `motions` becomes a part.
+    fn json(&self, motions: Value) -> Value;
+
+    /// The report above the table of the motions.
+    fn print(&self, motions: &Motions<'_>);
+
+    /// Below it.
+    fn print_below(&self) {}
+
+    /// What needs attention.
+    fn warn(&self, rows: usize);
+}
+
+/// The motions of an axis in the gauge of a model, with what a method says about them.
+pub(super) struct Motions<'a> {
+    args: &'a CurveArgs,
+    pub(super) gauged: Gauged,
+    pub(super) origin: Origin,
+    base: ModelFile,
+    report: Box<dyn Report + 'a>,
 }
 
 impl CurveArgs {
-    /// True where a model or a table of motions is wanted.
-    pub(super) fn writes(&self) -> bool {
-        self.model.target().is_some() || self.motions.is_some()
+    /// The options of a method that finds motions.
+    pub(super) fn front<'a>(&'a self, case: &'a super::case::CaseArgs) -> Front<'a> {
+        Front { writes_more: self.motions.is_some(), ..case.front(&self.model) }
     }
 
     /// Brings the motions (relative sense) into the gauge of a model.
-    pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin<'_>) -> Result<Gauged, Failure> {
-        let line = match self.straightness {
-            LineArg::EndPoint => Line::EndPoint,
-            LineArg::LeastSquares => Line::LeastSquares,
-            LineArg::AsMeasured => Line::AsMeasured,
-        };
-        gauge(rows, origin.axis, self.zero_at_mm, line)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(origin.files))))
+    pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin) -> Result<Gauged> {
+        gauge(rows, origin.axis, self.zero_at_mm, self.straightness).map_err(|e| data_error(&origin.files, e))
     }
 
-    /// Fits curves and writes what was asked for; the table of fits goes to stdout where `say` and a model is written.
-    pub(super) fn write(
-        &self,
-        gauged: &Gauged,
-        origin: &Origin<'_>,
+    /// The motions with their report.
+    pub(super) fn motions<'a>(
+        &'a self,
+        gauged: Gauged,
+        origin: Origin,
         base: ModelFile,
-        say: bool,
-    ) -> Result<(), Failure> {
-        if let Some(path) = &self.motions {
-            write_text(path, &motion_table(gauged, origin))?;
-        }
-        if self.model.target().is_none() {
-            return Ok(());
-        }
-        let fitted = self.fit(gauged, origin)?;
-        let sources = Sources::of(origin.files);
-        let mut comment = comments(&format!("identify {}", origin.method), &sources, &fitted);
-        let r = origin.reference;
-        comment.push(format!(
-            "{}: zero at {} mm, reference point of EX EY EZ ({:.3} {:.3} {:.3}) mm in M at home",
-            origin.axis, gauged.reference_position, r.x, r.y, r.z
-        ));
-        self.model.write(
-            &self.model_with(gauged, origin, base, &fitted, &sources),
-            &comment,
-            &names(origin.files),
-        )?;
-        for f in &fitted {
-            for note in &f.fit.notes {
-                note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
-            }
-        }
-        if say && !self.model.takes_stdout() {
-            say!();
-            print_table(&fitted);
-        }
-        Ok(())
-    }
-
-    fn fit(&self, gauged: &Gauged, origin: &Origin<'_>) -> Result<Vec<Fitted>, Failure> {
-        let request = Request {
-            basis: match self.basis {
-                BasisArg::Auto => None,
-                BasisArg::HalfRange => Some(Basis::HalfRange),
-                BasisArg::Chebyshev => Some(Basis::Chebyshev),
-                BasisArg::Table => Some(Basis::Table),
-            },
-            ..Request::default()
-        };
-        symbols(origin.axis)
-            .into_iter()
-            .map(|symbol| {
-                let readings = gauged.readings(symbol.component());
-                let fit = curve::fit(&readings, &request).map_err(|e| {
-                    Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", names(origin.files)))
-                })?;
-                Ok(Fitted::new(symbol, readings.into(), fit))
-            })
-            .collect()
-    }
-
-    fn model_with(
-        &self,
-        gauged: &Gauged,
-        origin: &Origin<'_>,
-        mut model: ModelFile,
-        fitted: &[Fitted],
-        sources: &Sources,
-    ) -> ModelFile {
-        for f in fitted {
-            // the scatter about the curve holds noise and what the curve misses; without it, the noise alone
-            let std = f.fit.figures.rmse_dof.or(Some(gauged.std(f.symbol.component())));
-            let function = ErrorFunction { std, ..ErrorFunction::single(f.fit.curve.clone()) };
-            put(&mut model, f.symbol, function, sources.provenance());
-        }
-        let axis = axis_entry(&mut model.spec, origin.axis);
-        // all six of the axis are new, and they are in this sense
-        axis.sense = Sense::Relative;
-        axis.reference_points =
-            [ReferencePoint { point: origin.reference, body: ReferenceBody::Carriage }; 3];
-        if axis.travel.is_none() {
-            let ends =
-                |f: fn(f64, f64) -> f64, from: f64| gauged.rows.iter().fold(from, |m, r| f(m, r.position));
-            axis.travel = Some([ends(f64::min, f64::MAX), ends(f64::max, f64::MIN)]);
-        }
-        model
+        report: impl Report + 'a,
+    ) -> Option<Box<dyn Found + 'a>> {
+        Some(Box::new(Motions { args: self, gauged, origin, base, report: Box::new(report) }))
     }
 }
 
-/// The files of a message.
-pub(super) fn names(files: &[PathBuf]) -> String {
-    files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
+impl Found for Motions<'_> {
+    fn json(&self) -> Value {
+        let (gauged, origin) = (&self.gauged, &self.origin);
+        let (positions, means) = means(&gauged.rows);
+        self.report.json(json!({
+            "axis": origin.axis.lower().to_string(),
+            "reference_point": origin.reference.as_slice(),
+            "zero_at": gauged.reference_position,
+            "constant_removed": gauged.constant.as_slice(),
+            "slope_removed": gauged.slope,
+            "positions": positions,
+            "motion": means.iter().map(|m| m.as_slice()).collect::<Vec<_>>(),
+            "sigma": Component::ALL.map(|c| gauged.std(c)),
+            "rows": gauged.rows.len(),
+        }))
+    }
+
+    fn print(&self) {
+        self.report.print(self);
+        self.print_means();
+        self.report.print_below();
+    }
+
+    fn warn(&self) {
+        self.report.warn(self.gauged.rows.len());
+    }
+
+    fn write(&self) -> Result<String> {
+        if let Some(path) = &self.args.motions {
+            write_text(path, &self.table())?;
+        }
+        if self.args.model.target().is_none() {
+            return Ok(String::new());
+        }
+        let (origin, rows) = (&self.origin, &self.gauged.rows);
+        let mut fits = CurveFits::new(self.base.clone(), &origin.files);
+        for symbol in symbols(origin.axis) {
+            let component = symbol.component();
+            // the scatter about the curve holds noise and what the curve misses; without it, the noise alone
+            let std = |rmse: Option<f64>| rmse.or(Some(self.gauged.std(component)));
+            let from = fits.sources.provenance();
+            fits.add(symbol, self.gauged.readings(component), self.args.basis, std, from)?;
+        }
+        let axis = axis_entry(&mut fits.model.spec, origin.axis);
+        // all six of the axis are new, and they are in this sense
+        axis.sense = Sense::Relative;
+        let point = ReferencePoint { point: origin.reference, body: ReferenceBody::Carriage };
+        axis.reference_points = [point; 3];
+        axis.travel.get_or_insert_with(|| {
+            let ends = |f: fn(f64, f64) -> f64, from| rows.iter().fold(from, |m, r| f(m, r.position));
+            [ends(f64::min, f64::MAX), ends(f64::max, f64::MIN)]
+        });
+        let mut comment = comments(&format!("identify {}", origin.method), &fits.sources, &fits.fitted);
+        let r = origin.reference;
+        comment.push(format!(
+            "{}: zero at {} mm, reference point of EX EY EZ ({:.3} {:.3} {:.3}) mm in M at home",
+            origin.axis, self.gauged.reference_position, r.x, r.y, r.z
+        ));
+        Ok(format!("\n{}", fits.write(&self.args.model, &comment)?))
+    }
+}
+
+impl Motions<'_> {
+    /// One row per reading, as `volcomp fit` takes it.
+    fn table(&self) -> String {
+        let (origin, r) = (&self.origin, self.origin.reference);
+        let mut text = format!(
+            "# {} by {}: reference point of ex ey ez at x={} y={} z={} mm in M at home, zero at {} mm\nposition_mm,cycle,direction,",
+            origin.axis, origin.method, r.x, r.y, r.z, self.gauged.reference_position
+        );
+        text.push_str(&symbols(origin.axis).map(column).join(","));
+        for row in &self.gauged.rows {
+            let direction = if row.travel == Travel::Forward { 1 } else { -1 };
+            let _ = write!(text, "\n{},{},{direction}", row.position, row.cycle);
+            for component in Component::ALL {
+                let _ = write!(text, ",{:.6}", in_print_units(component, row.motion[component.index()]));
+            }
+        }
+        text.push('\n');
+        text
+    }
+
+    /// The means at the positions, for people.
+    fn print_means(&self) {
+        let (gauged, axis) = (&self.gauged, self.origin.axis);
+        let (positions, means) = means(&gauged.rows);
+        let cells = |of: &dyn Fn(Component) -> f64| {
+            Component::ALL.map(|c| format!("{:>12.3}", in_print_units(c, of(c)))).concat()
+        };
+        let heads = symbols(axis).map(|s| format!("{:>12}", format!("{s} {}", Units::of(s).value)));
+        say!("{:>12}{}", "position mm", heads.concat());
+        for (position, motion) in positions.iter().zip(&means) {
+            say!("{position:>12.3}{}", cells(&|c| motion[c.index()]));
+        }
+        let std = cells(&|c| gauged.std(c));
+        say!("{:>12}{std}   of one reading at one position", "std (k=1)");
+        let slopes: Vec<String> = (0..3)
+            .filter(|i| *i != axis.direction())
+            .map(|i| format!("{} {:+.3}", symbols(axis)[i], arcsec_from_rad(gauged.slope[i])))
+            .collect();
+        say!(
+            "zero at {} mm; slopes removed from the straightnesses (arcsec): {}",
+            gauged.reference_position,
+            slopes.join(", ")
+        );
+    }
 }
 
 /// Factor from mm or rad to um or arcsec.
 pub(super) fn in_print_units(component: Component, value: f64) -> f64 {
-    if component.is_angle() { arcsec_from_rad(value) } else { um_from_mm(value) }
-}
-
-/// One row per reading, as `volcomp fit` takes it.
-fn motion_table(gauged: &Gauged, origin: &Origin<'_>) -> String {
-    let r = origin.reference;
-    let mut text = format!(
-        "# {} by {}: reference point of ex ey ez at x={} y={} z={} mm in M at home, zero at {} mm\nposition_mm,cycle,direction",
-        origin.axis, origin.method, r.x, r.y, r.z, gauged.reference_position
-    );
-    for symbol in symbols(origin.axis) {
-        let unit = if symbol.is_angle() { "arcsec" } else { "um" };
-        let _ = write!(text, ",{}_{unit}", symbol.to_string().to_lowercase());
-    }
-    text.push('\n');
-    for row in &gauged.rows {
-        let direction = if row.travel == Travel::Forward { 1 } else { -1 };
-        let _ = write!(text, "{},{},{direction}", row.position, row.cycle);
-        for component in Component::ALL {
-            let _ = write!(text, ",{:.6}", in_print_units(component, row.motion[component.index()]));
-        }
-        text.push('\n');
-    }
-    text
-}
-
-/// The means at the positions, for people.
-pub(super) fn print_motions(gauged: &Gauged, axis: AxisName) {
-    let (positions, means) = means(&gauged.rows);
-    let mut head = format!("{:>12}", "position mm");
-    for symbol in symbols(axis) {
-        let unit = if symbol.is_angle() { "arcsec" } else { "um" };
-        let _ = write!(head, "{:>12}", format!("{symbol} {unit}"));
-    }
-    say!("{head}");
-    for (position, motion) in positions.iter().zip(&means) {
-        let mut line = format!("{position:>12.3}");
-        for component in Component::ALL {
-            let _ = write!(line, "{:>12.3}", in_print_units(component, motion[component.index()]));
-        }
-        say!("{line}");
-    }
-    let mut line = format!("{:>12}", "std (k=1)");
-    for component in Component::ALL {
-        let _ = write!(line, "{:>12.3}", in_print_units(component, gauged.std(component)));
-    }
-    say!("{line}   of one reading at one position");
-    let slopes: Vec<String> = (0..3)
-        .filter(|i| *i != axis.direction())
-        .map(|i| format!("{} {:+.3}", symbols(axis)[i], arcsec_from_rad(gauged.slope[i])))
-        .collect();
-    say!(
-        "zero at {} mm; slopes removed from the straightnesses (arcsec): {}",
-        gauged.reference_position,
-        slopes.join(", ")
-    );
-}
-
-/// The gauged motions for machines, mm and rad.
-pub(super) fn motions_json(gauged: &Gauged, origin: &Origin<'_>) -> Value {
-    let (positions, means) = means(&gauged.rows);
-    json!({
-        "axis": origin.axis.to_string().to_lowercase(),
-        "reference_point": origin.reference.as_slice(),
-        "zero_at": gauged.reference_position,
-        "constant_removed": gauged.constant.as_slice(),
-        "slope_removed": gauged.slope,
-        "positions": positions,
-        "motion": means.iter().map(|m| m.as_slice().to_vec()).collect::<Vec<_>>(),
-        "sigma": Component::ALL.map(|c| gauged.std(c)),
-        "rows": gauged.rows.len(),
-    })
+    (Units::of_component(component).of_value)(value)
 }
 
 /// A motion table written by another method, one row per reading: positions and the six motions (mm, rad).
-pub(super) fn read_motions(path: &Path, axis: AxisName) -> Result<Vec<(f64, [f64; 6])>, Failure> {
-    let mut table = crate::table::open(path)?;
+pub(super) fn read_motions(path: &Path, axis: AxisName) -> Result<Vec<(f64, [f64; 6])>> {
+    let mut table = columns::open(path)?;
     let position = table.require("position_mm")?;
     let mut columns = Vec::with_capacity(6);
     for symbol in symbols(axis) {
-        let unit = if symbol.is_angle() { "arcsec" } else { "um" };
-        columns.push(table.require(&format!("{}_{unit}", symbol.to_string().to_lowercase()))?);
+        columns.push(table.require(&column(symbol))?);
     }
-    let mut rows = Vec::new();
-    while table.advance()? {
+    table.rows(|row| {
         let mut motion = [0.0; 6];
-        for (component, column) in Component::ALL.into_iter().zip(&columns) {
-            // the inverse of what goes out
-            motion[component.index()] = table.number(*column)? / in_print_units(component, 1.0);
+        for (value, column) in motion.iter_mut().zip(&columns) {
+            *value = row.value(*column)?;
         }
-        rows.push((table.number(position)?, motion));
-    }
-    Ok(rows)
+        Ok((row.value(position)?, motion))
+    })
 }

@@ -4,11 +4,14 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile, print_json};
+use super::case::{CaseArgs, CaseFile};
+use super::columns;
+use super::method::{Found, Front, Method};
 use crate::arg_parsers::numbers;
 use crate::model_writer::{ModelWriter, Sources, put};
-use crate::{EX_DATAERR, Failure, table};
-use volcomp_identify::probe::{Arm, Calibration, Contact, Note, Request, calibrate};
+use crate::units::or_dash;
+use crate::{Failure, Result};
+use volcomp_identify::probe::{Arm, Calibration, Circle, Contact, Note, Request, calibrate};
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
 use volcomp_units::axes::AxisName;
 use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
@@ -84,108 +87,160 @@ struct Case {
     b_deg: Vec<f64>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if args.out.target().is_some() != args.nominal_mm.is_some() {
-        return Err(Failure::usage(
-            "a model needs --out or --into, and --nominal-mm to compare the bar's place with",
-        ));
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        Front { case_writes: true, ..self.case.front(&self.out) }
     }
-    let (path, (contacts, bar_radius)) = match (args.case.file(), args.case.data(&args.data)) {
-        (Some(file), _) => (file.path(), from_case(file)?),
-        (None, Some(path)) => {
-            let bar = args.bar_radius_mm.ok_or_else(|| Failure::usage("give --bar-radius-mm"))?;
-            (path.as_path(), (from_table(path, args)?, bar))
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        self.needs_nominal()?;
+        let case: Case = file.read()?;
+        if case.y.len() != case.b_deg.len() {
+            let (y, b) = (case.y.len(), case.b_deg.len());
+            return Err(file.bad(format_args!("{y} values of Y but {b} of B_deg")));
         }
-        (None, None) => return Err(Failure::usage("give --data or --input")),
-    };
-    let request = Request { sigma: args.noise_um.map(mm_from_um), reject_outliers: args.robust };
-    let found = calibrate(&contacts, bar_radius, &request)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
-    if args.out.target().is_some() {
-        write_model(args, path, &found)?;
+        let arm = Arm { length: case.arm, zero: rad_from_deg(case.arm_zero_deg) };
+        let contact = |(y, b): (&f64, &f64)| arm.contact(*y, rad_from_deg(*b));
+        let contacts = case.y.iter().zip(&case.b_deg).map(contact).collect();
+        self.outcome(file.path(), contacts, case.bar_radius)
     }
-    if args.out.takes_stdout() {
-        return Ok(());
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        self.needs_nominal()?;
+        let Some(path) = self.case.data(&self.data) else {
+            return Err(usage!("give --data or --input"));
+        };
+        let bar = self.bar_radius_mm.ok_or_else(|| usage!("give --bar-radius-mm"))?;
+        self.outcome(path, self.contacts(path)?, bar).map(Some)
     }
-    if args.case.json {
-        print_json(&as_json(&found));
-    } else {
-        print(&found, args, contacts.len());
-    }
-    Ok(())
 }
 
-fn from_case(file: CaseFile<'_>) -> Result<(Vec<Contact>, f64), Failure> {
-    let case: Case = file.read()?;
-    if case.y.len() != case.b_deg.len() {
-        let (y, b) = (case.y.len(), case.b_deg.len());
-        return Err(file.bad(format_args!("{y} values of Y but {b} of B_deg")));
+impl Args {
+    fn needs_nominal(&self) -> Result<()> {
+        if self.out.target().is_some() == self.nominal_mm.is_some() {
+            return Ok(());
+        }
+        Err(usage!("a model needs --out or --into, and --nominal-mm to compare the bar's place with"))
     }
-    let arm = Arm { length: case.arm, zero: rad_from_deg(case.arm_zero_deg) };
-    let contacts = case.y.iter().zip(&case.b_deg).map(|(y, b)| arm.contact(*y, rad_from_deg(*b))).collect();
-    Ok((contacts, case.bar_radius))
-}
 
-fn from_table(path: &Path, args: &Args) -> Result<Vec<Contact>, Failure> {
-    let mut table = table::open(path)?;
-    let y = table.require("y_mm")?;
-    let height = table.find("z_mm");
-    let known = ["y_mm", "z_mm", "b_deg"];
-    if let Some(i) = table.columns().iter().position(|c| !known.contains(&c.as_str())) {
-        return Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", "))));
-    }
-    let arm = match (args.arm_mm, args.arm_zero_deg) {
-        (Some(length), Some(zero)) => Some(Arm { length, zero: rad_from_deg(zero) }),
-        _ => None,
-    };
-    let mut contacts = Vec::new();
-    match (height, arm) {
-        (Some(z), None) => {
-            while table.advance()? {
-                contacts.push(Contact { y: table.number(y)?, z: table.number(z)? });
+    fn contacts(&self, path: &Path) -> Result<Vec<Contact>> {
+        let mut table = columns::open(path)?;
+        let (y, height, angle) = (table.require("y_mm")?, table.find("z_mm"), table.find("b_deg"));
+        table.only(|_| "columns are y_mm, z_mm, b_deg".to_owned())?;
+        let arm = self.arm_mm.zip(self.arm_zero_deg);
+        let arm = arm.map(|(length, zero)| Arm { length, zero: rad_from_deg(zero) });
+        match (height, arm) {
+            (Some(z), None) => table.rows(|row| Ok(Contact { y: row.value(y)?, z: row.value(z)? })),
+            (None, Some(arm)) => {
+                let b = angle.map_or_else(|| table.require("b_deg"), Ok)?;
+                table.rows(|row| Ok(arm.contact(row.value(y)?, row.value(b)?)))
+            }
+            (Some(_), Some(_)) => {
+                Err(usage!("--arm-mm goes with a column b_deg; the file has heights (z_mm)"))
+            }
+            (None, None) => {
+                Err(usage!("give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm"))
             }
         }
-        (None, Some(arm)) => {
-            let b = table.require("b_deg")?;
-            while table.advance()? {
-                contacts.push(arm.contact(table.number(y)?, rad_from_deg(table.number(b)?)));
-            }
-        }
-        (Some(_), Some(_)) => {
-            return Err(Failure::usage("--arm-mm goes with a column b_deg; the file has heights (z_mm)"));
-        }
-        (None, None) => {
-            return Err(Failure::usage(
-                "give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm",
-            ));
-        }
     }
-    Ok(contacts)
+
+    fn outcome(&self, path: &Path, contacts: Vec<Contact>, bar_radius: f64) -> Result<Box<dyn Found + '_>> {
+        let request = Request { sigma: self.noise_um.map(mm_from_um), reject_outliers: self.robust };
+        let found = calibrate(&contacts, bar_radius, &request).map_err(|e| Failure::data(path, e))?;
+        Ok(Box::new(Outcome { args: self, path: path.to_owned(), found, contacts: contacts.len() }))
+    }
 }
 
-/// The keys of the vectors, and more. mm and rad.
-fn as_json(found: &Calibration) -> Value {
-    let circle = |c: &volcomp_identify::probe::Circle| json!({"Y0": c.y0, "Z0": c.z0, "R_c": c.radius});
-    let covariance = found.covariance().map(|c| {
-        let row = |i: usize| [c[(i, 0)], c[(i, 1)], c[(i, 2)]];
-        [row(0), row(1), row(2)]
-    });
-    let notes: Vec<String> = found.notes.iter().map(|n| note(n, found)).collect();
-    json!({
-        "kasa": circle(&found.kasa),
-        "geometric": circle(&found.geometric),
-        "r_c_geometric": found.probe_radius,
-        "r_c_kasa": found.probe_radius_kasa,
-        "rms_radial": found.rms_radial,
-        "cond_raw_normal_matrix": found.condition_raw_normal,
-        "sigma": found.sigma,
-        "covariance": covariance,
-        "r_c_std": covariance.map(|c| c[2][2].sqrt()),
-        "arc": found.arc,
-        "p_value": found.test.map(|t| t.p_value),
-        "outliers": found.outliers.iter().map(|i| i + 1).collect::<Vec<_>>(),
-        "notes": notes,
-    })
+/// A calibration and what it was made from.
+struct Outcome<'a> {
+    args: &'a Args,
+    path: PathBuf,
+    found: Calibration,
+    contacts: usize,
+}
+
+impl Found for Outcome<'_> {
+    /// The keys of the vectors, and more. mm and rad.
+    fn json(&self) -> Value {
+        let found = &self.found;
+        let circle = |c: &Circle| json!({"Y0": c.y0, "Z0": c.z0, "R_c": c.radius});
+        let covariance = found.covariance().map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])));
+        json!({
+            "kasa": circle(&found.kasa),
+            "geometric": circle(&found.geometric),
+            "r_c_geometric": found.probe_radius,
+            "r_c_kasa": found.probe_radius_kasa,
+            "rms_radial": found.rms_radial,
+            "cond_raw_normal_matrix": found.condition_raw_normal,
+            "sigma": found.sigma,
+            "covariance": covariance,
+            "r_c_std": covariance.map(|c| c[2][2].sqrt()),
+            "arc": found.arc,
+            "p_value": found.test.map(|t| t.p_value),
+            "outliers": found.outliers.iter().map(|i| i + 1).collect::<Vec<_>>(),
+            "notes": found.notes.iter().map(|n| note(n, found)).collect::<Vec<_>>(),
+        })
+    }
+
+    fn print(&self) {
+        let (args, found) = (self.args, &self.found);
+        let std = found.covariance().map(|c| [0, 1, 2].map(|i| um_from_mm(c[(i, i)].sqrt())));
+        let width = found.coverage_95();
+        let row = |name: &str, value: f64, kasa: f64, k: usize| {
+            let interval =
+                std.map_or_else(|| "-".to_owned(), |s| format!("{:>8.3} {:>10.3}", s[k], width * s[k]));
+            say!("{name:<28}{value:>14.5}{kasa:>14.5}{interval:>20}");
+        };
+        let (geometric, kasa) = (&found.geometric, &found.kasa);
+        say!("{} contacts over {:.0} deg of the bar", self.contacts, found.arc.to_degrees());
+        say!("{:<28}{:>14}{:>14}{:>20}", "", "geometric/mm", "algebraic/mm", "std/um     95 %/um");
+        row("effective ball radius r_c", found.probe_radius, found.probe_radius_kasa, 2);
+        row("circle of contact R_c", geometric.radius, kasa.radius, 2);
+        row("bar's axis Y0", geometric.y0, kasa.y0, 0);
+        row("bar's axis Z0 (over B axis)", geometric.z0, kasa.z0, 1);
+        if let Some(nominal) = args.ball_radius_mm {
+            let less = um_from_mm(found.probe_radius - nominal);
+            say!("r_c less the nominal radius of the ball: {less:.2} um");
+        }
+        let (rms, sigma) = (um_from_mm(found.rms_radial), or_dash(found.sigma.map(um_from_mm), 3));
+        say!("distances from the circle: rms {rms:.3} um, noise {sigma} um");
+        if let Some(test) = &found.test {
+            say!("fit against the stated noise: chi2 {:.1}, probability {:.3}", test.chi2, test.p_value);
+        }
+        if !found.outliers.is_empty() {
+            let what = if args.robust { "rejected" } else { "kept; --robust rejects them" };
+            let one = |&i: &usize| format!("{} ({:+.2} um)", i + 1, um_from_mm(found.residuals[i]));
+            let list: Vec<String> = found.outliers.iter().map(one).collect();
+            note!("note: contacts off the circle by more than noise: {} ({what})", list.join(", "));
+        }
+        for n in &found.notes {
+            note!("note: {}", note(n, found));
+        }
+    }
+
+    /// The bar's place as location errors of the axis that holds it.
+    fn write(&self) -> Result<String> {
+        let (args, found) = (self.args, &self.found);
+        let Some([y, z]) = args.nominal_mm else { return Ok(String::new()) };
+        let mut model = args.out.base(|| "[w A' b X Y B t]".to_owned())?;
+        let files = [self.path.clone()];
+        let sources = Sources::of(&files);
+        let covariance = found.covariance();
+        for (component, value, k) in
+            [(Component::Y, found.geometric.y0 - y, 0), (Component::Z, found.geometric.z0 - z, 1)]
+        {
+            let std = covariance.map(|c| c[(k, k)].sqrt());
+            let function = ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(value)) };
+            let symbol = ErrorSymbol::Location { component, axis: AxisName::A };
+            put(&mut model, symbol, function, sources.provenance());
+        }
+        if let Some(arm) = args.arm_mm {
+            let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);
+            note!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
+        }
+        args.out.write(&model, &sources.comments(), &files)?;
+        Ok(String::new())
+    }
 }
 
 fn note(note: &Note, found: &Calibration) -> String {
@@ -203,62 +258,4 @@ fn note(note: &Note, found: &Calibration) -> String {
             "the distances from the circle are larger than the stated noise explains (probability {p_value:.1e}): is the bar round, the arm's length right?"
         ),
     }
-}
-
-fn print(found: &Calibration, args: &Args, contacts: usize) {
-    let std = found.covariance().map(|c| [0, 1, 2].map(|i| um_from_mm(c[(i, i)].sqrt())));
-    let width = found.coverage_95();
-    let row = |name: &str, value: f64, kasa: f64, k: usize| {
-        let interval =
-            std.map_or_else(|| "-".to_owned(), |s| format!("{:>8.3} {:>10.3}", s[k], width * s[k]));
-        say!("{name:<28}{value:>14.5}{kasa:>14.5}{interval:>20}");
-    };
-    say!("{contacts} contacts over {:.0} deg of the bar", found.arc.to_degrees());
-    say!("{:<28}{:>14}{:>14}{:>20}", "", "geometric/mm", "algebraic/mm", "std/um     95 %/um");
-    row("effective ball radius r_c", found.probe_radius, found.probe_radius_kasa, 2);
-    row("circle of contact R_c", found.geometric.radius, found.kasa.radius, 2);
-    row("bar's axis Y0", found.geometric.y0, found.kasa.y0, 0);
-    row("bar's axis Z0 (over B axis)", found.geometric.z0, found.kasa.z0, 1);
-    if let Some(nominal) = args.ball_radius_mm {
-        let less = um_from_mm(found.probe_radius - nominal);
-        say!("r_c less the nominal radius of the ball: {less:.2} um");
-    }
-    let sigma = found.sigma.map_or_else(|| "-".to_owned(), |s| format!("{:.3}", um_from_mm(s)));
-    say!("distances from the circle: rms {:.3} um, noise {sigma} um", um_from_mm(found.rms_radial));
-    if let Some(test) = &found.test {
-        say!("fit against the stated noise: chi2 {:.1}, probability {:.3}", test.chi2, test.p_value);
-    }
-    if !found.outliers.is_empty() {
-        let what = if args.robust { "rejected" } else { "kept; --robust rejects them" };
-        let list: Vec<String> = found
-            .outliers
-            .iter()
-            .map(|&i| format!("{} ({:+.2} um)", i + 1, um_from_mm(found.residuals[i])))
-            .collect();
-        note!("note: contacts off the circle by more than noise: {} ({what})", list.join(", "));
-    }
-    for n in &found.notes {
-        note!("note: {}", note(n, found));
-    }
-}
-
-/// The bar's place as location errors of the axis that holds it.
-fn write_model(args: &Args, path: &Path, found: &Calibration) -> Result<(), Failure> {
-    let Some([y, z]) = args.nominal_mm else { return Ok(()) };
-    let mut model = args.out.base(|| "[w A' b X Y B t]".to_owned())?;
-    let sources = Sources::of(&[path.to_owned()]);
-    let covariance = found.covariance();
-    for (component, value, k) in
-        [(Component::Y, found.geometric.y0 - y, 0), (Component::Z, found.geometric.z0 - z, 1)]
-    {
-        let std = covariance.map(|c| c[(k, k)].sqrt());
-        let function = ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(value)) };
-        let symbol = ErrorSymbol::Location { component, axis: AxisName::A };
-        put(&mut model, symbol, function, sources.provenance());
-    }
-    if let Some(arm) = args.arm_mm {
-        let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);
-        note!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
-    }
-    args.out.write(&model, &sources.comments(), &path.display().to_string())
 }

@@ -1,19 +1,18 @@
 //! Points in CSV files: named points with coordinates, or with range, azimuth and elevation from a tracker, and the
 //! registration of the tracker's frame to the machine's.
 
-use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::columns::{self, Column, Columns};
 use crate::arg_parsers::{above_zero, not_negative, point};
-use crate::table::{Table, open};
-use crate::{EX_DATAERR, EX_USAGE, Failure};
-use volcomp_identify::primitives::{RigidFit, register};
+use crate::{Failure, Result};
+use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
 use volcomp_model::geometry::{Mat3, Vec3};
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// What is known of the instrument.
 #[derive(Debug, clap::Args)]
@@ -42,6 +41,64 @@ pub(super) struct TrackerArgs {
     tracker_mm: Option<Vec3>,
 }
 
+/// The three columns of a point.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum PointColumns {
+    /// x, y, z.
+    Cartesian([Column; 3]),
+    /// Range, azimuth, elevation.
+    Spherical([Column; 3]),
+}
+
+/// A registration with its names.
+pub(super) struct Registered {
+    fit: RigidFit,
+    points: Vec<String>,
+    /// True where the noise was stated, so that the residuals are a test.
+    stated: bool,
+}
+
+/// From the frame of the instrument to M.
+pub(super) struct Frame {
+    /// Variance of a Cartesian coordinate, mm2.
+    cartesian: f64,
+    /// Noise of observations; `None` where not stated.
+    tracker: Option<TrackerNoise>,
+    stated: bool,
+    station: Vec3,
+    pub(super) registered: Option<Registered>,
+}
+
+impl PointColumns {
+    /// The columns `{prefix}x_mm` and so on, where they are there.
+    pub(super) fn find(table: &mut Columns, prefix: &str) -> Option<Self> {
+        let mut three = |names: [&str; 3]| -> Option<[Column; 3]> {
+            let [a, b, c] = names.map(|n| table.find(&format!("{prefix}{n}")));
+            Some([a?, b?, c?])
+        };
+        three(["x_mm", "y_mm", "z_mm"])
+            .map(Self::Cartesian)
+            .or_else(|| three(["range_mm", "azimuth_deg", "elevation_deg"]).map(Self::Spherical))
+    }
+
+    /// True where all three fields are empty: the point was not seen.
+    pub(super) fn is_empty(self, row: &Columns) -> bool {
+        let (Self::Cartesian(columns) | Self::Spherical(columns)) = self;
+        columns.iter().all(|c| row.word(*c).is_empty())
+    }
+
+    /// Refuses angles where nothing says where the tracker stands.
+    pub(super) fn check_frame(self, tracker: &TrackerArgs, frame: &Frame, path: &Path) -> Result<()> {
+        if matches!(self, Self::Spherical(_)) && frame.registered.is_none() && tracker.tracker_mm.is_none() {
+            return Err(usage!(
+                "{}: ranges and angles are in the tracker's frame; give --registration or --tracker-mm",
+                path.display()
+            ));
+        }
+        Ok(())
+    }
+}
+
 impl TrackerArgs {
     /// Place of the tracker in M, where it was stated.
     pub(super) const fn station(&self) -> Option<Vec3> {
@@ -56,90 +113,7 @@ impl TrackerArgs {
             angle: rad_from_arcsec(self.sigma_angle_arcsec?),
         })
     }
-}
 
-/// The three columns of a point.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Columns {
-    /// x, y, z.
-    Cartesian([usize; 3]),
-    /// Range, azimuth, elevation.
-    Spherical([usize; 3]),
-}
-
-/// A registration with its names.
-pub(super) struct Registered {
-    pub(super) fit: RigidFit,
-    points: Vec<String>,
-    /// True where the noise was stated, so that the residuals are a test.
-    stated: bool,
-}
-
-/// From the frame of the instrument to M.
-pub(super) struct Frame {
-    noise: Noise,
-    station: Vec3,
-    pub(super) registered: Option<Registered>,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Noise {
-    /// Variance of a Cartesian coordinate, mm2.
-    cartesian: f64,
-    /// Of observations; `None` where not stated.
-    tracker: Option<TrackerNoise>,
-    stated: bool,
-}
-
-impl Columns {
-    /// The columns `{prefix}x_mm` and so on, where they are there.
-    pub(super) fn find<R: BufRead>(table: &Table<R>, prefix: &str) -> Option<Self> {
-        let three = |names: [&str; 3]| -> Option<[usize; 3]> {
-            let [a, b, c] = names.map(|n| table.find(&format!("{prefix}{n}")));
-            Some([a?, b?, c?])
-        };
-        three(["x_mm", "y_mm", "z_mm"])
-            .map(Self::Cartesian)
-            .or_else(|| three(["range_mm", "azimuth_deg", "elevation_deg"]).map(Self::Spherical))
-    }
-
-    pub(super) const fn indices(self) -> [usize; 3] {
-        match self {
-            Self::Cartesian(c) | Self::Spherical(c) => c,
-        }
-    }
-
-    /// True where all three fields are empty: the point was not seen.
-    pub(super) fn is_empty<R: BufRead>(self, table: &Table<R>) -> bool {
-        self.indices().iter().all(|c| table.word(*c).is_empty())
-    }
-
-    /// Refuses angles where nothing says where the tracker stands.
-    pub(super) fn check_frame(
-        self,
-        tracker: &TrackerArgs,
-        frame: &Frame,
-        path: &Path,
-    ) -> Result<(), Failure> {
-        if matches!(self, Self::Spherical(_)) && frame.registered.is_none() && tracker.tracker_mm.is_none() {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!(
-                    "error: {}: ranges and angles are in the tracker's frame; give --registration or --tracker-mm",
-                    path.display()
-                ),
-            ));
-        }
-        Ok(())
-    }
-
-    fn read<R: BufRead>(self, table: &Table<R>) -> Result<[f64; 3], Failure> {
-        let [a, b, c] = self.indices();
-        Ok([table.number(a)?, table.number(b)?, table.number(c)?])
-    }
-}
-
-impl TrackerArgs {
     /// The files that the frame is made from.
     pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
         self.registration.iter()
@@ -151,98 +125,73 @@ impl TrackerArgs {
     }
 
     /// The frame of --registration, if there is one.
-    pub(super) fn frame(&self) -> Result<Frame, Failure> {
+    pub(super) fn frame(&self) -> Result<Frame> {
         self.frame_of(self.registration.as_deref())
     }
 
     /// The frame of a registration file.
-    pub(super) fn frame_of(&self, registration: Option<&Path>) -> Result<Frame, Failure> {
-        let tracker = match (self.sigma_range_um, self.sigma_angle_arcsec) {
-            (Some(range), Some(angle)) => Some(TrackerNoise {
-                range: mm_from_um(range),
-                range_share: self.sigma_range_um_per_m * 1e-6,
-                angle: rad_from_arcsec(angle),
-            }),
-            (None, None) => None,
-            _ => {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    "error: --sigma-range-um and --sigma-angle-arcsec belong together; give both",
-                ));
-            }
-        };
-        let stated = self.noise_um.is_some() || tracker.is_some();
-        let noise =
-            Noise { cartesian: self.noise_um.map_or(1.0, |s| mm_from_um(s).powi(2)), tracker, stated };
-        let mut frame =
-            Frame { noise, station: self.tracker_mm.unwrap_or_else(Vec3::zeros), registered: None };
-        if let Some(path) = registration {
-            frame.registered = Some(self.register(path, &frame)?);
+    pub(super) fn frame_of(&self, registration: Option<&Path>) -> Result<Frame> {
+        if self.sigma_range_um.is_some() != self.sigma_angle_arcsec.is_some() {
+            return Err(usage!("--sigma-range-um and --sigma-angle-arcsec belong together; give both"));
         }
+        let tracker = self.stated_noise();
+        let mut frame = Frame {
+            cartesian: self.cartesian_sigma().unwrap_or(1.0).powi(2),
+            tracker,
+            stated: self.noise_um.is_some() || tracker.is_some(),
+            station: self.tracker_mm.unwrap_or_else(Vec3::zeros),
+            registered: None,
+        };
+        frame.registered = registration.map(|path| self.register(path, &frame)).transpose()?;
         Ok(frame)
     }
 
-    fn register(&self, path: &Path, frame: &Frame) -> Result<Registered, Failure> {
-        let mut table = open(path)?;
+    fn register(&self, path: &Path, frame: &Frame) -> Result<Registered> {
+        let mut table = columns::open(path)?;
         let name = table.require("point")?;
-        let machine =
-            [table.require("machine_x_mm")?, table.require("machine_y_mm")?, table.require("machine_z_mm")?];
-        let columns = Columns::find(&table, "").ok_or_else(|| {
-            Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {}: the instrument's columns are missing: x_mm, y_mm, z_mm or range_mm, azimuth_deg, elevation_deg",
-                    path.display()
-                ),
-            )
+        let machine = table.three(["machine_x_mm", "machine_y_mm", "machine_z_mm"])?;
+        let columns = PointColumns::find(&mut table, "").ok_or_else(|| {
+            let missing = "the instrument's columns are missing: x_mm, y_mm, z_mm or range_mm, azimuth_deg, elevation_deg";
+            Failure::data(path, missing)
         })?;
         let (mut points, mut from, mut to, mut covariance) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let own = Mat3::identity() * mm_from_um(self.machine_sigma_um).powi(2);
-        while table.advance()? {
-            let seen = Place::read(&table, columns)?;
-            let noise = frame.covariance(&seen, table.file())?;
-            points.push(table.word(name));
+        table.rows(|row| {
+            let seen = Place::read(row, columns)?;
+            covariance.push(frame.covariance(&seen, row.table.file())? + own);
+            points.push(row.word(name));
             from.push(seen.point());
-            to.push(Vec3::new(
-                table.number(machine[0])?,
-                table.number(machine[1])?,
-                table.number(machine[2])?,
-            ));
-            covariance.push(noise + own);
-        }
+            to.push(row.point(machine)?);
+            Ok(())
+        })?;
         // the covariance belongs into M, which the unweighted fit knows well enough
-        if let Some((rotation, _)) = volcomp_identify::primitives::procrustes(&from, &to) {
+        if let Some((rotation, _)) = procrustes(&from, &to) {
             for c in &mut covariance {
                 *c = rotation * *c * rotation.transpose();
             }
         }
-        let fit = register(&from, &to, &covariance)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
-        Ok(Registered { fit, points, stated: frame.noise.stated })
+        let fit = register(&from, &to, &covariance).map_err(|e| Failure::data(path, e))?;
+        Ok(Registered { fit, points, stated: frame.stated })
     }
 }
 
 impl Frame {
     /// True where the noise was stated.
     pub(super) const fn noise_is_stated(&self) -> bool {
-        self.noise.stated
+        self.stated
     }
 
     /// One point of the current row in M, with its covariance.
-    pub(super) fn read<R: BufRead>(
-        &self,
-        table: &Table<R>,
-        columns: Columns,
-    ) -> Result<(Vec3, Mat3), Failure> {
-        let place = Place::read(table, columns)?;
-        let covariance = self.covariance(&place, table.file())?;
+    pub(super) fn read(&self, row: &Columns, columns: PointColumns) -> Result<(Vec3, Mat3)> {
+        let place = Place::read(row, columns)?;
+        let covariance = self.covariance(&place, row.table.file())?;
         let turned = self.registered.as_ref().map_or(covariance, |r| r.fit.turn(&covariance));
         Ok((self.in_machine(&place), turned))
     }
 
     /// One point of the current row in M, whatever its noise.
-    pub(super) fn place<R: BufRead>(&self, table: &Table<R>, columns: Columns) -> Result<Vec3, Failure> {
-        Ok(self.in_machine(&Place::read(table, columns)?))
+    pub(super) fn place(&self, row: &Columns, columns: PointColumns) -> Result<Vec3> {
+        Ok(self.in_machine(&Place::read(row, columns)?))
     }
 
     fn in_machine(&self, place: &Place) -> Vec3 {
@@ -254,15 +203,12 @@ impl Frame {
     }
 
     /// In the frame of the instrument.
-    fn covariance(&self, place: &Place, file: &str) -> Result<Mat3, Failure> {
-        match (place, self.noise.tracker) {
-            (Place::Cartesian(_), _) => Ok(Mat3::identity() * self.noise.cartesian),
+    fn covariance(&self, place: &Place, file: &str) -> Result<Mat3> {
+        match (place, self.tracker) {
+            (Place::Cartesian(_), _) => Ok(Mat3::identity() * self.cartesian),
             (Place::Spherical(o), Some(noise)) => Ok(o.covariance(&noise)),
-            (Place::Spherical(_), None) => Err(Failure::new(
-                EX_USAGE,
-                format_args!(
-                    "error: {file}: ranges and angles need weights: give --sigma-range-um and --sigma-angle-arcsec"
-                ),
+            (Place::Spherical(_), None) => Err(usage!(
+                "{file}: ranges and angles need weights: give --sigma-range-um and --sigma-angle-arcsec"
             )),
         }
     }
@@ -275,23 +221,23 @@ enum Place {
 }
 
 impl Place {
-    fn read<R: BufRead>(table: &Table<R>, columns: Columns) -> Result<Self, Failure> {
-        let values = columns.read(table)?;
-        let Columns::Spherical(c) = columns else { return Ok(Self::Cartesian(Vec3::from(values))) };
-        if values[0] <= 0.0 {
-            return Err(table.fail(c[0], format_args!("range {} mm is not above 0", values[0])));
+    fn read(row: &Columns, columns: PointColumns) -> Result<Self> {
+        let at = match columns {
+            PointColumns::Cartesian(at) => return row.point(at).map(Self::Cartesian),
+            PointColumns::Spherical(at) => at,
+        };
+        let [range, azimuth, elevation] = row.point(at)?.into();
+        if range <= 0.0 {
+            return Err(row.fail(at[0], format_args!("range {range} mm is not above 0")));
         }
-        if values[2].abs() > 89.0 {
-            return Err(table.fail(
-                c[2],
-                format_args!("elevation {} deg is beyond 89 deg, where the azimuth is undefined", values[2]),
+        let degrees = row.number(at[2])?;
+        if degrees.abs() > 89.0 {
+            return Err(row.fail(
+                at[2],
+                format_args!("elevation {degrees} deg is beyond 89 deg, where the azimuth is undefined"),
             ));
         }
-        Ok(Self::Spherical(Observation {
-            range: values[0],
-            azimuth: rad_from_deg(values[1]),
-            elevation: rad_from_deg(values[2]),
-        }))
+        Ok(Self::Spherical(Observation { range, azimuth, elevation }))
     }
 
     fn point(&self) -> Vec3 {
@@ -343,45 +289,34 @@ impl Registered {
     }
 
     pub(super) fn print(&self) {
-        let s = self.std();
+        let (points, (worst, largest)) = (self.points.len(), self.worst());
+        let worst = &self.points[worst];
+        let (rms, largest) = (um_from_mm(self.rms()), um_from_mm(largest));
         say!(
-            "registration from {} points: residual rms {:.2} um, largest {:.2} um ({})",
-            self.points.len(),
-            um_from_mm(self.rms()),
-            um_from_mm(self.worst().1),
-            self.points[self.worst().0]
+            "registration from {points} points: residual rms {rms:.2} um, largest {largest:.2} um ({worst})"
         );
+        let [x, y, z, a, b, c] = self.std();
+        let ([x, y, z], [a, b, c]) = ([x, y, z].map(um_from_mm), [a, b, c].map(arcsec_from_rad));
         say!(
-            "  uncertainty (k=1): position {:.2} {:.2} {:.2} um, rotation {:.3} {:.3} {:.3} arcsec; a constant and a slope for all positions alike",
-            um_from_mm(s[0]),
-            um_from_mm(s[1]),
-            um_from_mm(s[2]),
-            arcsec_from_rad(s[3]),
-            arcsec_from_rad(s[4]),
-            arcsec_from_rad(s[5])
+            "  uncertainty (k=1): position {x:.2} {y:.2} {z:.2} um, rotation {a:.3} {b:.3} {c:.3} arcsec; a constant and a slope for all positions alike"
         );
+        let RigidFit { chi2, dof, .. } = self.fit;
         match self.p_value() {
-            Some(p) if p < SIGNIFICANT => {
-                note!(
-                    "warning: registration: the residuals are larger than the stated noise allows (chi2 {:.1}, {} degrees of freedom, p {p:.1e}); check reference point {}",
-                    self.fit.chi2,
-                    self.fit.dof,
-                    self.points[self.worst().0]
-                );
-            }
-            Some(p) => say!(
-                "  residual test passed: chi2 {:.1}, {} degrees of freedom, p {p:.3}",
-                self.fit.chi2,
-                self.fit.dof
+            Some(p) if p < SIGNIFICANT => note!(
+                "warning: registration: the residuals are larger than the stated noise allows (chi2 {chi2:.1}, {dof} degrees of freedom, p {p:.1e}); check reference point {worst}"
             ),
+            Some(p) => {
+                say!("  residual test passed: chi2 {chi2:.1}, {dof} degrees of freedom, p {p:.3}");
+            }
             None => {}
         }
     }
 
     pub(super) fn json(&self) -> Value {
+        let rotation: Value = self.fit.rotation.row_iter().map(|r| json!([r[0], r[1], r[2]])).collect();
         json!({
             "points": self.points,
-            "rotation": (0..3).map(|i| self.fit.rotation.row(i).iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>(),
+            "rotation": rotation,
             "translation": self.fit.translation.as_slice(),
             "residual_rms": self.rms(),
             "worst_point": self.points[self.worst().0],

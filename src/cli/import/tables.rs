@@ -40,8 +40,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
             put(&mut model, symbol, function, sources.only(|i| i == index).provenance());
         }
     }
-    let files = args.files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
-    args.model.write(&model, &sources.comments(), &files)
+    args.model.write(&model, &sources.comments(), &args.files)
 }
 
 fn read(

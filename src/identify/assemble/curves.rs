@@ -24,7 +24,9 @@ pub(super) fn mirrored(f: &ErrorFunction, axis: AxisName) -> ErrorFunction {
     }
 }
 
-fn mirrored_curve(curve: &Curve) -> Curve {
+/// A curve in the other sense: `E_carriage(x) = -E_relative(-x)`; travel towards plus of one is towards minus of the other.
+#[must_use]
+pub fn mirrored_curve(curve: &Curve) -> Curve {
     let mirrored = match curve {
         Curve::Constant(v) => Some(Curve::Constant(-v)),
         Curve::Table(t) => {

@@ -26,6 +26,7 @@ mod curves;
 mod error;
 mod overlap;
 
+pub use curves::mirrored_curve;
 pub use error::AssembleError;
 
 use volcomp_model::gauge::{Gauged, Part, normalise};

@@ -6,6 +6,7 @@ use nalgebra::DVector;
 
 use super::Circles;
 use super::columns::of_cyclic;
+use crate::golden::golden;
 use volcomp_model::geometry::largest_gap;
 
 /// Natural logarithm of the odds against a pitch in white noise: e^-7 is one in a thousand.
@@ -42,7 +43,7 @@ pub(super) fn search(
     let at = |i: usize| frequencies[0] + step * i as f64;
     let best = (0..=count).map(|i| (at(i), explained(at(i)))).max_by(|a, b| a.1.total_cmp(&b.1));
     let (coarse, _) = best.unwrap_or((frequencies[0], 0.0));
-    let fine = golden(coarse - step, coarse + step, &explained);
+    let (fine, _) = golden(&mut |f| -explained(f), coarse - step, coarse + step, 1e-10);
     let needed = 2.0 * sigma * sigma * ((count + 1) as f64).ln() + 2.0 * sigma * sigma * CERTAINTY;
     if explained(fine) > needed {
         return Ok(1.0 / fine);
@@ -60,23 +61,4 @@ fn spacing(circles: &Circles) -> f64 {
     } else {
         (TAU - largest_gap(samples.iter().map(|s| s.angle))) / samples.len() as f64
     }
-}
-
-/// Largest value by golden section.
-fn golden(mut low: f64, mut high: f64, f: &dyn Fn(f64) -> f64) -> f64 {
-    let ratio = (5f64.sqrt() - 1.0) / 2.0;
-    let mut inner = [high - ratio * (high - low), low + ratio * (high - low)];
-    let mut value = inner.map(f);
-    for _ in 0..40 {
-        if value[0] > value[1] {
-            high = inner[1];
-            inner = [high - ratio * (high - low), inner[0]];
-            value = [f(inner[0]), value[0]];
-        } else {
-            low = inner[0];
-            inner = [inner[1], low + ratio * (high - low)];
-            value = [value[1], f(inner[1])];
-        }
-    }
-    (low + high) / 2.0
 }

@@ -10,6 +10,7 @@ use super::data::Data;
 use super::error::FitError;
 use super::request::{Period, Request};
 use super::solve::{Design, Factor};
+use crate::golden::golden;
 
 /// Positions are averaged down to about this number, or to four per shortest wave, while the grid is searched.
 const SEARCH_POSITIONS: usize = 256;
@@ -30,6 +31,8 @@ const MINIMA: usize = 3;
 const ROUNDS: usize = 10;
 /// Gauss-Newton steps at most, and the relative step at which they end.
 const STEPS: usize = 60;
+/// Where golden sections end, relative: the steps take over from here.
+const GOLDEN_END: f64 = 1e-5;
 const STEP_END: f64 = 1e-13;
 /// How far the last steps on all readings may move a period that averaged ones gave, as a factor.
 const REFINED_WITHIN: f64 = 1.05;
@@ -177,7 +180,7 @@ fn search(coarse: &Data, shape: &Shape, placed: &[f64], [low, high]: [f64; 2]) -
     let mut found: Vec<(f64, f64)> = minima
         .into_iter()
         .take(MINIMA)
-        .map(|i| golden(&mut sse, frequency(i.saturating_sub(1)), frequency((i + 1).min(steps))))
+        .map(|i| golden(&mut sse, frequency(i.saturating_sub(1)), frequency((i + 1).min(steps)), GOLDEN_END))
         .map(|(f, s)| (1.0 / f, s))
         .collect();
     found.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -275,24 +278,4 @@ fn sum_of_squares(data: &Data, shape: &Shape) -> f64 {
         Some(z) => squares - z.norm_squared(),
         None => f64::INFINITY,
     }
-}
-
-/// Golden-section search for the minimum of `f` on `[a, b]`: place and value.
-fn golden(f: &mut impl FnMut(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
-    let ratio = (5f64.sqrt() - 1.0) / 2.0;
-    let (mut c, mut d) = (b - ratio * (b - a), a + ratio * (b - a));
-    let (mut fc, mut fd) = (f(c), f(d));
-    // the last steps take over from here
-    while (b - a).abs() > 1e-5 * (a.abs() + b.abs()) {
-        if fc <= fd {
-            (b, d, fd) = (d, c, fc);
-            c = b - ratio * (b - a);
-            fc = f(c);
-        } else {
-            (a, c, fc) = (c, d, fd);
-            d = a + ratio * (b - a);
-            fd = f(d);
-        }
-    }
-    if fc <= fd { (c, fc) } else { (d, fd) }
 }

@@ -4,17 +4,20 @@ pub(crate) mod report;
 
 use std::path::{Path, PathBuf};
 
-use crate::arg_parsers::{numbers, point};
-use crate::identify::case;
-use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
-use crate::{EX_DATAERR, EX_USAGE, Failure, table};
+use serde_json::{Value, json};
+
+use crate::arg_parsers::{above_zero, axis_letter, numbers, point};
+use crate::identify::columns;
+use crate::identify::method::{Found, Front, Method};
+use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
+use crate::{Failure, Result};
 use volcomp_config::{ModelFile, Provenance};
+use volcomp_identify::assemble::mirrored_curve;
 use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
 };
-use volcomp_model::curve::{CurveError, Table};
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Sense};
+use volcomp_model::{ErrorFunction, ErrorSymbol, Sense};
 use volcomp_units::axes::AxisName;
 use volcomp_units::{mm_from_um, rad_from_deg};
 
@@ -93,12 +96,11 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
 }
 
 fn pitch(text: &str) -> Result<(AxisName, f64), String> {
-    let wrong = || format!("invalid pitch of an axis '{text}'; write for example x=10");
-    let (axis, value) = text.split_once('=').ok_or_else(wrong)?;
-    let mut letters = axis.chars();
-    let name = letters.next().and_then(AxisName::from_letter).filter(|_| letters.next().is_none());
-    let value = value.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
-    name.zip(value).ok_or_else(wrong)
+    let pitch = text.split_once('=').map(|(axis, value)| (axis_letter(axis), above_zero(value)));
+    match pitch {
+        Some((Ok(axis), Ok(value))) => Ok((axis, value)),
+        _ => Err(format!("invalid pitch of an axis '{text}'; write for example x=10")),
+    }
 }
 
 /// The readings of a plane and what was made of them.
@@ -110,41 +112,78 @@ pub(crate) struct Plan {
 
 impl Plan {
     /// Reads and analyses the circles of a plane.
-    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path) -> Result<Self, Failure> {
+    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path) -> Result<Self> {
         let circles = read(setup, plane, path)?;
-        let analysis = analyse(&circles, &request(setup, plane))
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+        let analysis = analyse(&circles, &request(setup, plane)).map_err(|e| Failure::data(path, e))?;
         Ok(Self { path: path.to_owned(), circles, analysis })
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let data = if args.data.is_empty() { &args.files } else { &args.data };
-    for (i, (plane, _)) in data.iter().enumerate() {
-        if data[..i].iter().any(|(p, _)| p == plane) {
-            let what = format_args!("error: plane {plane} is given twice; join its files, one mounting each");
-            return Err(Failure::new(EX_USAGE, what));
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        Front { file: None, json: self.json, model: Some(&self.out), writes_more: false, case_writes: false }
+    }
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        let data = if self.data.is_empty() { &self.files } else { &self.data };
+        for (i, (plane, _)) in data.iter().enumerate() {
+            if data[..i].iter().any(|(p, _)| p == plane) {
+                let what = format_args!("plane {plane} is given twice; join its files, one mounting each");
+                return Err(Failure::usage(what));
+            }
         }
+        let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path);
+        let plans = data.iter().map(read).collect::<Result<_, _>>()?;
+        Ok(Some(Box::new(Outcome { args: self, plans })))
     }
-    let mut plans = Vec::with_capacity(data.len());
-    for (plane, path) in data {
-        plans.push(Plan::read(&args.setup, *plane, path)?);
+}
+
+/// What was found in all planes.
+struct Outcome<'a> {
+    args: &'a Args,
+    plans: Vec<Plan>,
+}
+
+impl Found for Outcome<'_> {
+    fn json(&self) -> Value {
+        let planes = self.plans.iter().map(|p| report::as_json(p, self.args.length_std_um));
+        json!({ "planes": planes.collect::<Vec<_>>() })
     }
-    if args.out.target().is_some() {
-        write_model(args, &plans)?;
+
+    fn print(&self) {
+        self.plans.iter().for_each(report::print);
     }
-    if args.out.takes_stdout() {
-        return Ok(());
-    }
-    if args.json {
-        let planes: Vec<_> = plans.iter().map(|p| report::as_json(p, args.length_std_um)).collect();
-        case::print_json(&serde_json::json!({ "planes": planes }));
-    } else {
-        for plan in &plans {
-            report::print(plan);
+
+    /// Squareness and curves that a static model can hold.
+    fn write(&self) -> Result<String> {
+        let (args, plans) = (self.args, &self.plans);
+        let analyses: Vec<Analysis> = plans.iter().map(|p| p.analysis.clone()).collect();
+        let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
+        let found =
+            assemble(&analyses, args.length_std_um.map(mm_from_um)).map_err(|e| data_error(&files, e))?;
+        if found.is_empty() {
+            note!("note: no squareness, scale, straightness, backlash or cyclic error is significant");
         }
+        let axes = plans.iter().flat_map(|p| p.circles.plane.axes());
+        let mut model = args.out.base(|| default_chain(axes))?;
+        let sources = Sources::of(&files);
+        for one in &found {
+            if let Some(apart) = one.disagreement.filter(|d| *d > 3.0) {
+                note!(
+                    "note: {}: the planes disagree by {apart:.1} standard deviations; their mean was written",
+                    one.symbol
+                );
+            }
+            store(&mut model, one, sources.provenance());
+        }
+        if model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant()) {
+            note!(
+                "note: the model holds angular errors; what they do at the place of the circles is in the values found, too"
+            );
+        }
+        args.out.write(&model, &sources.comments(), &files)?;
+        Ok(String::new())
     }
-    Ok(())
 }
 
 fn request(args: &SetUp, plane: Plane) -> Request {
@@ -155,87 +194,41 @@ fn request(args: &SetUp, plane: Plane) -> Request {
     Request { pitch: plane.axes().map(of), spike_time: args.spike_ms.map(|ms| ms / 1e3) }
 }
 
-fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles, Failure> {
-    let mut table = table::open(path)?;
-    let (angle, deviation, direction) =
-        (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
+fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
+    let mut table = columns::open(path)?;
+    let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
-    if let Some(i) = table.columns().iter().position(|c| !known.contains(&c.as_str())) {
-        return Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", "))));
-    }
-    let mut samples = Vec::new();
-    while table.advance()? {
-        let feed = feed.map(|c| table.number(c)).transpose()?.or(args.feed_mm_per_min);
-        samples.push(Sample {
-            angle: rad_from_deg(table.number(angle)?),
-            deviation: mm_from_um(table.number(deviation)?),
-            travel: table.travel(direction)?,
+    table.only(|_| format!("columns are {}", table.known().join(", ")))?;
+    let samples = table.rows(|row| {
+        let feed = feed.map(|c| row.value(c)).transpose()?.or(args.feed_mm_per_min);
+        Ok(Sample {
+            angle: row.value(angle)?,
+            deviation: row.value(deviation)?,
+            travel: row.travel(Some(direction))?,
             feed: feed.map(|f| f / 60.0),
-            run: run.map_or(Ok(0), |c| table.count(c))?,
-        });
-    }
+            run: row.count(run)?,
+        })
+    })?;
     let samples = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
     let centre = plane.axes().map(|a| args.centre_mm[a.direction()]);
     Ok(Circles { plane, radius: args.radius_mm, centre, samples })
 }
 
-/// Squareness and curves that a static model can hold.
-fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
-    let analyses: Vec<Analysis> = plans.iter().map(|p| p.analysis.clone()).collect();
-    let names = plans.iter().map(|p| p.path.display().to_string()).collect::<Vec<_>>().join(", ");
-    let bad = |e: CurveError| Failure::new(EX_DATAERR, format_args!("error: {names}: {e}"));
-    let found = assemble(&analyses, args.length_std_um.map(mm_from_um)).map_err(bad)?;
-    if found.is_empty() {
-        note!("note: no squareness, scale, straightness, backlash or cyclic error is significant");
-    }
-    let axes = plans.iter().flat_map(|p| p.circles.plane.axes());
-    let mut model = args.out.base(|| default_chain(axes))?;
-    let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
-    let sources = Sources::of(&files);
-    for one in &found {
-        if let Some(apart) = one.disagreement.filter(|d| *d > 3.0) {
-            note!(
-                "note: {}: the planes disagree by {apart:.1} standard deviations; their mean was written",
-                one.symbol
-            );
-        }
-        store(&mut model, one, sources.provenance()).map_err(bad)?;
-    }
-    let angular = model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant());
-    if angular {
-        note!(
-            "note: the model holds angular errors; what they do at the place of the circles is in the values found, too"
-        );
-    }
-    args.out.write(&model, &sources.comments(), &names)
-}
-
 /// Puts an error into the model, in the sense of its axis.
-fn store(model: &mut ModelFile, found: &Assembled, from: Provenance) -> Result<(), CurveError> {
+fn store(model: &mut ModelFile, found: &Assembled, from: Provenance) {
     let axis = found.symbol.axis();
     let carriage = model.spec.axis(axis).sense == Sense::Carriage && model.spec.is_workpiece_side(axis);
-    let curve = match (&found.curve, found.symbol) {
-        (Curve::Table(table), ErrorSymbol::Motion { .. }) if carriage => Curve::Table(mirrored(table)?),
-        (curve, _) => curve.clone(),
-    };
+    let mirrors = carriage && matches!(found.symbol, ErrorSymbol::Motion { .. });
+    let curve = if mirrors { mirrored_curve(&found.curve) } else { found.curve.clone() };
     put(model, found.symbol, ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) }, from);
     axis_entry(&mut model.spec, axis);
-    Ok(())
-}
-
-/// `E_carriage(x) = -E_relative(-x)`; travel towards plus of one is towards minus of the other.
-fn mirrored(table: &Table) -> Result<Table, CurveError> {
-    let (positions, forward, reverse) = table.columns();
-    let flip = |v: &[f64]| v.iter().rev().map(|x| -x).collect::<Vec<f64>>();
-    let other = reverse.unwrap_or(forward);
-    Table::new(flip(positions), flip(other), reverse.map(|_| flip(forward)), table.interpolation())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_model::curve::Interpolation;
+    use volcomp_model::Curve;
+    use volcomp_model::curve::{Interpolation, Table};
     use volcomp_units::axes::Travel;
 
     #[test]
@@ -256,7 +249,7 @@ mod tests {
             Interpolation::Linear,
         )
         .unwrap();
-        let carriage = mirrored(&relative).unwrap();
+        let carriage = mirrored_curve(&Curve::Table(relative.clone()));
         for x in [0.0, 50.0, 100.0, 250.0, 300.0] {
             assert_eq!(carriage.value(-x, Travel::Reverse), -relative.value(x, Travel::Forward));
             assert_eq!(carriage.value(-x, Travel::Forward), -relative.value(x, Travel::Reverse));

@@ -1,11 +1,12 @@
 //! What `volcomp identify ballbar` says: JSON with the names and units of ballbar result files, a table for people.
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::Plan;
 use crate::numerals::{counted, plain};
+use crate::units::or_dash;
 use volcomp_evaluate::{Centring, CircularReading, Circularity};
-use volcomp_identify::ballbar::{Analysis, Effect, End, Estimate, Note, Plane, Reason, Sample};
+use volcomp_identify::ballbar::{Analysis, Effect, End, Estimate, Harmonic, Note, Plane, Reason, Sample};
 use volcomp_units::{deg_from_rad, mm_from_um, um_from_mm};
 
 /// A feature in the vocabulary of ballbar result files.
@@ -139,77 +140,54 @@ pub(crate) fn reason_text(reason: &Reason, plane: Plane) -> String {
 
 /// One plane for machines.
 pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
-    let a = &plan.analysis;
-    let round = roundness(plan);
-    let g = |f: &dyn Fn(&Circularity) -> Option<f64>| round.measured.as_ref().and_then(f).map(um_from_mm);
-    let mut all = Map::new();
-    let mut put = |f: Feature| {
-        all.insert(f.name, json!({"value": f.value, "std": f.std, "dt": f.unit, "unit": unit_text(f.unit)}));
-    };
-    a.estimates.iter().flat_map(|e| features(a, e)).for_each(&mut put);
-    scale_features(a, length_std_um).into_iter().for_each(&mut put);
-    if let Some(c) = &round.measured {
-        let entry = json!({"value": um_from_mm(widest(c)), "dt": "UT_LENGTH_UM", "unit": "um"});
-        all.insert("AF_CIRCULARITY".to_owned(), entry);
+    let (a, um, round) = (&plan.analysis, um_from_mm, roundness(plan));
+    let g = |f: fn(&Circularity) -> Option<f64>| round.measured.as_ref().and_then(f).map(um);
+    let name = |e: Effect| e.name(a.plane);
+    let mut all = json!({});
+    let own = a.estimates.iter().flat_map(|e| features(a, e));
+    for f in own.chain(scale_features(a, length_std_um)) {
+        all[f.name] = json!({"value": f.value, "std": f.std, "dt": f.unit, "unit": unit_text(f.unit)});
     }
-    let ranking: Vec<Value> = a
-        .estimates
-        .iter()
-        .enumerate()
-        .map(|(i, e)| {
-            let confounded: Vec<Value> = e
-                .confounded
-                .iter()
-                .map(|(other, c)| json!({"effect": other.name(a.plane), "correlation": c}))
-                .collect();
-            json!({
-                "rank": i + 1,
-                "effect": e.effect.name(a.plane),
-                "contribution_um": um_from_mm(e.contribution),
-                "std_um": um_from_mm(e.contribution_std),
-                "share_percent": 100.0 * e.share,
-                "significant": e.significant,
-                "confounded_with": confounded,
-            })
+    if let Some(c) = &round.measured {
+        all["AF_CIRCULARITY"] = json!({"value": um(widest(c)), "dt": "UT_LENGTH_UM", "unit": "um"});
+    }
+    let confounded = |e: &Estimate| -> Value {
+        let one = |(other, c): &(Effect, f64)| json!({"effect": name(*other), "correlation": c});
+        e.confounded.iter().map(one).collect()
+    };
+    let ranked = |(i, e): (usize, &Estimate)| {
+        json!({
+            "rank": i + 1,
+            "effect": name(e.effect),
+            "contribution_um": um(e.contribution),
+            "std_um": um(e.contribution_std),
+            "share_percent": 100.0 * e.share,
+            "significant": e.significant,
+            "confounded_with": confounded(e),
         })
-        .collect();
-    let missing: Vec<Value> = a
-        .missing
-        .iter()
-        .map(|(e, r)| json!({"effect": e.name(a.plane), "reason": reason_text(r, a.plane)}))
-        .collect();
-    let radii: Vec<Value> = a
-        .radius_deviation
-        .iter()
-        .map(|(feed, value, std)| {
-            let feed = feed.map(|f| f * 60.0);
-            json!({"feed_mm_per_min": feed, "value_um": um_from_mm(*value), "std_um": um_from_mm(*std)})
-        })
-        .collect();
-    let waves: Vec<Value> = a
-        .harmonics
-        .iter()
-        .map(|h| json!({"order": h.order, "measured_um": um_from_mm(h.measured), "residual_um": um_from_mm(h.residual)}))
-        .collect();
+    };
+    let missing = |(e, r): &(Effect, Reason)| json!({"effect": name(*e), "reason": reason_text(r, a.plane)});
+    let radius = |(feed, value, std): &(Option<f64>, f64, f64)| json!({"feed_mm_per_min": feed.map(|f| f * 60.0), "value_um": um(*value), "std_um": um(*std)});
+    let wave = |h: &Harmonic| json!({"order": h.order, "measured_um": um(h.measured), "residual_um": um(h.residual)});
     let spike_ms = a.spike_time.filter(|_| !a.notes.contains(&Note::NoFeed)).map(|t| 1e3 * t);
     json!({
         "plane": a.plane.name(),
         "radius_mm": a.radius,
         "readings": plan.circles.samples.len(),
-        "centre_um": a.offset.map(|(v, _)| um_from_mm(v)),
-        "centre_std_um": a.offset.map(|(_, s)| um_from_mm(s)),
-        "radius_deviation": radii,
-        "circularity_um": round.measured.as_ref().map(|c| um_from_mm(widest(c))),
-        "circularity_fwd_um": g(&|c| c.g_forward),
-        "circularity_bwd_um": g(&|c| c.g_backward),
-        "residual_circularity_um": round.residual.as_ref().map(|c| um_from_mm(widest(c))),
-        "residual_rms_um": um_from_mm(a.sigma),
+        "centre_um": a.offset.map(|(v, _)| um(v)),
+        "centre_std_um": a.offset.map(|(_, s)| um(s)),
+        "radius_deviation": a.radius_deviation.iter().map(radius).collect::<Vec<_>>(),
+        "circularity_um": round.measured.as_ref().map(|c| um(widest(c))),
+        "circularity_fwd_um": g(|c| c.g_forward),
+        "circularity_bwd_um": g(|c| c.g_backward),
+        "residual_circularity_um": round.residual.as_ref().map(|c| um(widest(c))),
+        "residual_rms_um": um(a.sigma),
         "features": all,
-        "ranking": ranking,
-        "not_determined": missing,
+        "ranking": a.estimates.iter().enumerate().map(ranked).collect::<Vec<_>>(),
+        "not_determined": a.missing.iter().map(missing).collect::<Vec<_>>(),
         "pitch_mm": a.pitch,
         "spike_ms": spike_ms,
-        "harmonics": waves,
+        "harmonics": a.harmonics.iter().map(wave).collect::<Vec<_>>(),
         "condition": a.condition,
         "notes": a.notes.iter().map(note_text).collect::<Vec<_>>(),
     })
@@ -217,68 +195,43 @@ pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
 
 /// One plane for people.
 pub(crate) fn print(plan: &Plan) {
-    let a = &plan.analysis;
-    let round = roundness(plan);
+    let (a, um, round) = (&plan.analysis, um_from_mm, roundness(plan));
+    let name = |e: Effect| e.name(a.plane);
     say!("plane {}, radius {} mm: {}", a.plane, a.radius, counted(plan.circles.samples.len(), "reading"));
-    let show = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{:.2}", um_from_mm(v)));
     if let Some(c) = &round.measured {
-        let residual = round.residual.as_ref().map(widest);
+        let [all, left, right, residual] =
+            [Some(widest(c)), c.g_forward, c.g_backward, round.residual.as_ref().map(widest)]
+                .map(|v| or_dash(v.map(um), 2));
         say!(
-            "circularity {} um (counter-clockwise {}, clockwise {}); {} um without the effects below",
-            show(Some(widest(c))),
-            show(c.g_forward),
-            show(c.g_backward),
-            show(residual)
+            "circularity {all} um (counter-clockwise {left}, clockwise {right}); {residual} um without the effects below"
         );
     }
-    let [(x, sx), (y, sy)] = a.offset.map(|(v, s)| (um_from_mm(v), um_from_mm(s)));
-    say!(
-        "centre offset {} +- {sx:.2}, {} +- {sy:.2} um; rms left over {:.3} um",
-        plain(x, 2),
-        plain(y, 2),
-        um_from_mm(a.sigma)
-    );
-    say!(
-        "{:>4} {:<20}{:>12}{:>8}  {:<34}{:<6}",
-        "rank",
-        "effect",
-        "adds/um",
-        "share",
-        "values (k = 1)",
-        "unit"
-    );
+    let [(x, sx), (y, sy)] = a.offset.map(|(v, s)| (plain(um(v), 2), um(s)));
+    say!("centre offset {x} +- {sx:.2}, {y} +- {sy:.2} um; rms left over {:.3} um", um(a.sigma));
+    say!("rank effect                   adds/um   share  values (k = 1)                    unit  ");
     for (i, e) in a.estimates.iter().enumerate() {
         let features = features(a, e);
         let unit = features.first().map_or("", |f| unit_text(f.unit));
-        let values: Vec<String> = features.iter().map(value_text).collect();
+        let values = features.iter().map(value_text).collect::<Vec<_>>().join(", ");
         let mark = if e.significant { "" } else { "  not significant" };
-        say!(
-            "{:>4} {:<20}{:>6.2}+-{:<4.2}{:>7.1}%  {:<34}{unit:<6}{mark}",
-            i + 1,
-            e.effect.name(a.plane),
-            um_from_mm(e.contribution),
-            um_from_mm(e.contribution_std),
-            100.0 * e.share,
-            values.join(", ")
-        );
+        let (rank, effect, share) = (i + 1, name(e.effect), 100.0 * e.share);
+        let [adds, std] = [e.contribution, e.contribution_std].map(um);
+        say!("{rank:>4} {effect:<20}{adds:>6.2}+-{std:<4.2}{share:>7.1}%  {values:<34}{unit:<6}{mark}");
     }
     for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
-        let others: Vec<String> =
-            e.confounded.iter().map(|(o, c)| format!("{} (correlation {c:.2})", o.name(a.plane))).collect();
-        note!("note: {} is strongly correlated with {}", e.effect.name(a.plane), others.join(", "));
+        let other = |(o, c): &(Effect, f64)| format!("{} (correlation {c:.2})", name(*o));
+        let others: Vec<String> = e.confounded.iter().map(other).collect();
+        note!("note: {} is strongly correlated with {}", name(e.effect), others.join(", "));
     }
     for (effect, reason) in &a.missing {
-        note!("note: {}: {}", effect.name(a.plane), reason_text(reason, a.plane));
+        note!("note: {}: {}", name(*effect), reason_text(reason, a.plane));
     }
     for n in &a.notes {
         note!("note: {}", note_text(n));
     }
-    let loud: Vec<String> = a
-        .harmonics
-        .iter()
-        .filter(|h| h.residual > a.sigma)
-        .map(|h| format!("{} waves per turn: {:.2} um", h.order, um_from_mm(h.residual)))
-        .collect();
+    let loud = a.harmonics.iter().filter(|h| h.residual > a.sigma);
+    let loud: Vec<String> =
+        loud.map(|h| format!("{} waves per turn: {:.2} um", h.order, um(h.residual))).collect();
     if !loud.is_empty() {
         note!("note: not explained by any effect: {}", loud.join(", "));
     }

@@ -1,19 +1,19 @@
 //! `volcomp identify circles`: two circles in space to tool axis and tip.
 
-mod case;
 mod out;
 
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::case::{CaseArgs, print_json};
-use super::motion_curves::names;
-use super::tracker_points::{Columns, Frame, TrackerArgs};
+use super::case::{CaseArgs, CaseFile};
+use super::columns;
+use super::method::{Found, Front, Method, printed};
+use super::tracker_points::{Frame, PointColumns, TrackerArgs};
+use crate::Result;
 use crate::arg_parsers::{not_negative, point};
-use crate::model_writer::ModelWriter;
-use crate::table::open;
-use crate::{EX_DATAERR, Failure};
+use crate::model_writer::{ModelWriter, data_error};
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::SIGNIFICANT;
@@ -24,7 +24,7 @@ use volcomp_units::{arcsec_from_rad, mm_from_um, um_from_mm};
 /// The target is clamped to the spindle, the spindle turns, a tracker measures points all around; then the same
 /// closer to the tip. The line through both centres is the tool axis.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -68,69 +68,98 @@ pub(super) struct Args {
     model: ModelWriter,
 }
 
-const HELP: &str = "\
-File (CSV): circle,x_mm,y_mm,z_mm  or  circle,range_mm,azimuth_deg,elevation_deg
+/// A case of the reference vectors.
+#[derive(Debug, Deserialize)]
+struct Case {
+    points_1: Vec<[f64; 3]>,
+    points_2: Vec<[f64; 3]>,
+    nominal_axis: [f64; 3],
+    tip_beyond_centre_2: f64,
+    sigma: Option<f64>,
+    /// Standard deviation of the offset between the frames of both circles, mm.
+    #[serde(default)]
+    sigma_registration: f64,
+}
 
-Examples:
-  volcomp identify circles --data circles.csv --tip-beyond-mm 120 --noise-um 5
-  volcomp identify circles --data left.csv --registration left-ref.csv --data-2 right.csv \\
-    --registration-2 right-ref.csv --tip-beyond-mm 120
-  volcomp identify circles --data p1.csv --tip-beyond-mm 120 --nominal-axis 0,-0.5,0.866 --nominal-tip-mm 10,20,-480 \\
-    --c-deg 0 --a-deg 30 --z-mm -200 --add-pose poses.csv
-
---out writes the location errors of the spindle (ex0s ey0s ea0s eb0s) and needs the head at home (axis along z). At
-other poses of the head the error belongs to several axes: collect poses and let volcomp identify ram sort them.";
-
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(file) = args.case.file() {
-        file.writes_no_model(args.model.target().is_some() || args.add_pose.is_some())?;
-        return case::run(file, args.case.json);
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        Front { writes_more: self.add_pose.is_some(), ..self.case.front(&self.model) }
     }
-    let (Some(data), Some(tip)) = (args.case.data(&args.data), args.tip_beyond_mm) else {
-        return Err(Failure::usage("give --data and --tip-beyond-mm, or --input with a case"));
-    };
-    let frame = args.tracker.frame()?;
-    let mut circles = [Vec::new(), Vec::new()];
-    read(data, &frame, &args.tracker, &mut circles)?;
-    let mut files = vec![data.clone()];
-    files.extend(args.tracker.files().cloned());
-    let mut second = None;
-    if let Some(path) = &args.data_2 {
-        let other = args.tracker.frame_of(args.registration_2.as_deref())?;
-        read(path, &other, &args.tracker, &mut circles)?;
-        files.push(path.clone());
-        files.extend(args.registration_2.clone());
-        second = Some(other);
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        let case: Case = file.read()?;
+        let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vec3::from(*p)).collect::<Vec<_>>();
+        let (one, two) = (vectors(&case.points_1), vectors(&case.points_2));
+        let input = CirclesInput {
+            points_1: &one,
+            points_2: &two,
+            nominal_axis: Vec3::from(case.nominal_axis),
+            tip_beyond_centre_2: case.tip_beyond_centre_2,
+            sigma: case.sigma,
+            registration: case.sigma_registration,
+        };
+        let found = solve(&input).map_err(|e| file.bad(e))?;
+        let stated = case.sigma.is_some();
+        Ok(printed(json_of(&found, stated), move || print(&found, stated)))
     }
-    let between = between(args, &frame, second.as_ref(), &circles);
-    let input = CirclesInput {
-        points_1: &circles[0],
-        points_2: &circles[1],
-        nominal_axis: args.nominal_axis,
-        tip_beyond_centre_2: tip,
-        sigma: args.tracker.cartesian_sigma(),
-        registration: between,
-    };
-    let found =
-        solve(&input).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(&files))))?;
-    let quiet = args.model.takes_stdout();
-    if args.case.json && !quiet {
-        print_json(&json_of(&found, args.tracker.cartesian_sigma()));
-    } else if !quiet {
-        print(&found, args.tracker.cartesian_sigma().is_some());
-        for registered in
-            [Some(&frame), second.as_ref()].into_iter().flatten().filter_map(|f| f.registered.as_ref())
-        {
-            registered.print();
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        let (Some(data), Some(tip)) = (self.case.data(&self.data), self.tip_beyond_mm) else {
+            return Err(usage!("give --data and --tip-beyond-mm, or --input with a case"));
+        };
+        let mut frames = vec![self.tracker.frame()?];
+        let mut circles = [Vec::new(), Vec::new()];
+        read(data, &frames[0], &self.tracker, &mut circles)?;
+        let mut files: Vec<PathBuf> = [data].into_iter().chain(self.tracker.files()).cloned().collect();
+        if let Some(path) = &self.data_2 {
+            let other = self.tracker.frame_of(self.registration_2.as_deref())?;
+            read(path, &other, &self.tracker, &mut circles)?;
+            files.extend([path].into_iter().chain(&self.registration_2).cloned());
+            frames.push(other);
         }
+        let sigma = self.tracker.cartesian_sigma();
+        let input = CirclesInput {
+            points_1: &circles[0],
+            points_2: &circles[1],
+            nominal_axis: self.nominal_axis,
+            tip_beyond_centre_2: tip,
+            sigma,
+            registration: between(self, &frames[0], frames.get(1), &circles),
+        };
+        let axis = solve(&input).map_err(|e| data_error(&files, e))?;
+        Ok(Some(Box::new(Outcome { args: self, axis, stated: sigma.is_some(), frames, files })))
     }
-    if let Some(path) = &args.add_pose {
-        out::add_pose(path, args, &found)?;
+}
+
+/// A tool axis found from files.
+struct Outcome<'a> {
+    args: &'a Args,
+    axis: ToolAxis,
+    /// True where the noise was stated.
+    stated: bool,
+    frames: Vec<Frame>,
+    files: Vec<PathBuf>,
+}
+
+impl Found for Outcome<'_> {
+    fn json(&self) -> Value {
+        json_of(&self.axis, self.stated)
     }
-    if args.model.target().is_some() {
-        out::write_model(args, &found, &files)?;
+
+    fn print(&self) {
+        print(&self.axis, self.stated);
+        self.frames.iter().filter_map(|f| f.registered.as_ref()).for_each(|r| r.print());
     }
-    Ok(())
+
+    fn write(&self) -> Result<String> {
+        if let Some(path) = &self.args.add_pose {
+            out::add_pose(path, self.args, &self.axis)?;
+        }
+        if self.args.model.target().is_some() {
+            out::write_model(self.args, &self.axis, &self.files)?;
+        }
+        Ok(String::new())
+    }
 }
 
 /// The uncertainty between two frames, mm: as given, else from the registrations at the circles.
@@ -152,59 +181,51 @@ fn between(args: &Args, frame: &Frame, second: Option<&Frame>, circles: &[Vec<Ve
     g
 }
 
-fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>; 2]) -> Result<(), Failure> {
-    let mut table = open(path)?;
+fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>; 2]) -> Result<()> {
+    let mut table = columns::open(path)?;
     let circle = table.require("circle")?;
-    let columns = Columns::find(&table, "").ok_or_else(|| {
-        Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing",
-                path.display()
-            ),
-        )
+    let at = PointColumns::find(&mut table, "").ok_or_else(|| {
+        data!(path, "columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing")
     })?;
-    columns.check_frame(tracker, frame, path)?;
-    while table.advance()? {
-        let which = match table.number(circle)? {
+    at.check_frame(tracker, frame, path)?;
+    table.rows(|row| {
+        let which = match row.value(circle)? {
             1.0 => 0,
             2.0 => 1,
             other => {
-                return Err(table.fail(
-                    circle,
-                    format_args!("{other} is not a circle; write 1 (farther from the tip) or 2 (nearer)"),
-                ));
+                let what = "is not a circle; write 1 (farther from the tip) or 2 (nearer)";
+                return Err(row.fail(circle, format_args!("{other} {what}")));
             }
         };
-        into[which].push(frame.place(&table, columns)?);
-    }
+        into[which].push(frame.place(row, at)?);
+        Ok(())
+    })?;
     Ok(())
 }
 
-fn json_of(found: &ToolAxis, sigma: Option<f64>) -> Value {
-    let list = |v: &Vec3| v.as_slice().to_vec();
+fn json_of(found: &ToolAxis, stated: bool) -> Value {
     let [one, two] = &found.circles;
-    let mut value = json!({
-        "centre_1": list(&one.centre),
+    let mut json = json!({
+        "centre_1": one.centre.as_slice(),
         "radius_1": one.radius,
-        "normal_1": list(&one.normal),
-        "centre_2": list(&two.centre),
+        "normal_1": one.normal.as_slice(),
+        "centre_2": two.centre.as_slice(),
         "radius_2": two.radius,
-        "normal_2": list(&two.normal),
-        "axis_direction": list(&found.direction),
-        "tip": list(&found.tip),
-        "direction_error_rotvec": list(&found.direction_error),
+        "normal_2": two.normal.as_slice(),
+        "axis_direction": found.direction.as_slice(),
+        "tip": found.tip.as_slice(),
+        "direction_error_rotvec": found.direction_error.as_slice(),
         "rms_radial": [one.rms_radial, two.rms_radial],
         "rms_axial": [one.rms_axial, two.rms_axial],
         "sigma": found.sigma,
-        "sigma_stated": sigma.is_some(),
+        "sigma_stated": stated,
         "sigma_direction": found.direction_std(),
         "sigma_tip_lateral": found.tip_lateral_std(),
         "registration_share": found.registration_share,
         "arc": [one.arc, two.arc],
         "coaxial": found.coaxial.as_ref().map(|c| json!({
-            "axis_direction": list(&c.direction),
-            "tip": list(&c.tip),
+            "axis_direction": c.direction.as_slice(),
+            "tip": c.tip.as_slice(),
             "radii": c.radii,
             "sigma_direction": c.direction_std,
             "sigma_tip_lateral": c.tip_lateral_std,
@@ -213,64 +234,48 @@ fn json_of(found: &ToolAxis, sigma: Option<f64>) -> Value {
         })),
     });
     if let Some(p) = found.predicted.filter(|_| found.sigma > 0.0) {
-        value["sigma_predicted"] = json!({
+        json["sigma_predicted"] = json!({
             "centre_inplane": p.centre_in_plane,
             "direction": p.direction,
             "tip_lateral": p.tip_lateral,
         });
     }
-    value
+    json
 }
 
 fn print(found: &ToolAxis, stated: bool) {
     for (k, c) in found.circles.iter().enumerate() {
+        let ([x, y, z], arc): ([f64; 3], _) = (c.centre.into(), c.arc.to_degrees());
+        let [radial, axial] = [c.rms_radial, c.rms_axial].map(um_from_mm);
         say!(
-            "circle {}: centre ({:.4} {:.4} {:.4}) mm, radius {:.4} mm, {} points over {:.0} deg, rms {:.2} um radial, {:.2} um axial",
+            "circle {}: centre ({x:.4} {y:.4} {z:.4}) mm, radius {:.4} mm, {} points over {arc:.0} deg, rms {radial:.2} um radial, {axial:.2} um axial",
             k + 1,
-            c.centre.x,
-            c.centre.y,
-            c.centre.z,
             c.radius,
-            c.points,
-            c.arc.to_degrees(),
-            um_from_mm(c.rms_radial),
-            um_from_mm(c.rms_axial)
+            c.points
         );
     }
-    let (d, t, e) = (found.direction, found.tip, found.direction_error);
+    let (d, t, e) = (found.direction, found.tip, found.direction_error.map(arcsec_from_rad));
     let [dl, dh] = found.direction_std().map(arcsec_from_rad);
     let [tl, th] = found.tip_lateral_std().map(um_from_mm);
-    say!(
-        "noise of a coordinate: {:.2} um ({})",
-        um_from_mm(found.sigma),
-        if stated { "stated" } else { "from the residuals" }
-    );
+    let origin = if stated { "stated" } else { "from the residuals" };
+    say!("noise of a coordinate: {:.2} um ({origin})", um_from_mm(found.sigma));
     say!("axis ({:.9} {:.9} {:.9}), +- {dl:.2} to {dh:.2} arcsec (k=1)", d.x, d.y, d.z);
-    say!(
-        "  off the nominal one by a rotation of {:+.2} {:+.2} {:+.2} arcsec about x y z",
-        arcsec_from_rad(e.x),
-        arcsec_from_rad(e.y),
-        arcsec_from_rad(e.z)
-    );
+    say!("  off the nominal one by a rotation of {:+.2} {:+.2} {:+.2} arcsec about x y z", e.x, e.y, e.z);
     say!("tip ({:.4} {:.4} {:.4}) mm, across the axis +- {tl:.2} to {th:.2} um (k=1)", t.x, t.y, t.z);
     if found.registration_share > 0.0 {
-        say!(
-            "  of it from the offset between the frames: {:.2} arcsec",
-            arcsec_from_rad(found.registration_share)
-        );
+        let share = arcsec_from_rad(found.registration_share);
+        say!("  of it from the offset between the frames: {share:.2} arcsec");
     }
-    if let Some(joint) = &found.coaxial {
-        say!(
-            "fitted as two coaxial circles: axis +- {:.2} arcsec, tip +- {:.2} um, {:.2} arcsec and {:.2} um from the above",
-            arcsec_from_rad(joint.direction_std),
-            um_from_mm(joint.tip_lateral_std),
-            arcsec_from_rad(joint.direction.cross(&found.direction).norm()),
-            um_from_mm((joint.tip - found.tip).norm())
+    let Some(joint) = &found.coaxial else { return };
+    let turn = joint.direction.cross(&found.direction).norm();
+    let [axis, turn] = [joint.direction_std, turn].map(arcsec_from_rad);
+    let [tip, shift] = [joint.tip_lateral_std, (joint.tip - found.tip).norm()].map(um_from_mm);
+    say!(
+        "fitted as two coaxial circles: axis +- {axis:.2} arcsec, tip +- {tip:.2} um, {turn:.2} arcsec and {shift:.2} um from the above"
+    );
+    if let Some(p) = joint.p_value.filter(|p| *p < SIGNIFICANT) {
+        note!(
+            "warning: the planes of the circles are not across the line of their centres (p {p:.1e}): does the target wobble, or is the noise larger than stated?"
         );
-        if let Some(p) = joint.p_value.filter(|p| *p < SIGNIFICANT) {
-            note!(
-                "warning: the planes of the circles are not across the line of their centres (p {p:.1e}): does the target wobble, or is the noise larger than stated?"
-            );
-        }
     }
 }

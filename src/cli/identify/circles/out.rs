@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::Args;
-use crate::Failure;
+use crate::Result;
 use crate::files::write_text;
-use crate::identify::motion_curves::names;
 use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, axis_entry, default_chain, put};
 use volcomp_identify::circles::ToolAxis;
@@ -19,17 +18,14 @@ pub(in crate::identify) const POSES: &str =
     "z_mm,c_deg,a_deg,tip_x_um,tip_y_um,tip_z_um,dir_x_arcsec,dir_y_arcsec,dir_z_arcsec";
 
 /// Adds a row; a new file gets its header.
-pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(), Failure> {
+pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<()> {
     let (Some(tip), Some(c), Some(a)) = (args.nominal_tip_mm, args.c_deg, args.a_deg) else {
-        return Err(Failure::usage("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
+        return Err(usage!("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
     };
     let mut text =
         if path.exists() { input::read_text(path, InputKind::Table)? } else { format!("{POSES}\n") };
     if !text.lines().any(|l| l == POSES) {
-        return Err(Failure::usage(format_args!(
-            "{} is not a file of poses; its header must be {POSES}",
-            path.display()
-        )));
+        return Err(usage!("{} is not a file of poses; its header must be {POSES}", path.display()));
     }
     if !text.ends_with('\n') {
         text.push('\n');
@@ -47,13 +43,13 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
 }
 
 /// The location errors of the spindle, from the axis with the head at home.
-pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> Result<(), Failure> {
+pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> Result<()> {
     let Some(nominal_tip) = args.nominal_tip_mm else {
-        return Err(Failure::usage("--out needs --nominal-tip-mm: the tip as it should be"));
+        return Err(usage!("--out needs --nominal-tip-mm: the tip as it should be"));
     };
     if (args.nominal_axis.normalize() - Vec3::z()).norm() > 1e-9 {
-        return Err(Failure::usage(
-            "--out writes where the spindle lies, which needs the head at home (axis along z); elsewhere use --add-pose and volcomp identify ram",
+        return Err(usage!(
+            "--out writes where the spindle lies, which needs the head at home (axis along z); elsewhere use --add-pose and volcomp identify ram"
         ));
     }
     let mut model = args.model.base(|| default_chain([AxisName::S]))?;
@@ -73,11 +69,10 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         let symbol = ErrorSymbol::Location { component, axis: AxisName::S };
         put(&mut model, symbol, function, sources.provenance());
     }
-    let mut comment = vec![format!("written by volcomp identify circles {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources.comments());
+    let mut comment = sources.heading("identify circles");
     comment.push(format!(
         "tip along the axis off by {:.2} um: tool length, not part of the model",
         um_from_mm((found.tip - nominal_tip).dot(&found.direction))
     ));
-    args.model.write(&model, &comment, &names(files))
+    args.model.write(&model, &comment, files)
 }

@@ -4,19 +4,22 @@ mod vector;
 
 use std::path::{Path, PathBuf};
 
-use serde_json::{Map, Value, json};
+use serde::Serialize;
+use serde_json::{Value, json};
 
-use super::case::{CaseArgs, print_json};
+use super::case::{CaseArgs, CaseFile};
+use super::method::{Found, Front, Method};
 use crate::arg_parsers::{above_zero, point};
 use crate::files::read_model;
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
 use crate::positioning_data::{TestColumns, no_rows};
-use crate::{EX_DATAERR, EX_USAGE, Failure, table};
+use crate::units::{key, or_dash};
+use crate::{Failure, Result, table};
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
 use volcomp_identify::diagonals::{
-    MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
+    DiagonalsError, MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
 };
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::student_95;
@@ -24,20 +27,9 @@ use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSp
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
-/// What the help says beside the options.
-const HELP: &str = "A laser along each body diagonal of a box reads how much too long it is. From the four end-to-end \
-    values follow the three squarenesses, whatever the positioning errors are. Angular errors do not \
-    cancel: an angle that grows by 10 arcsec over the box feigns up to 5 arcsec of squareness, so the \
-    model with the angular curves is needed (--model) and its displacement is subtracted. Without it the \
-    command refuses, unless you accept and state a bound for the bias.\n\n\
-    Columns of --data: diagonal (ppp npp pnp ppn, signs of X Y Z), cycle, direction (1 out, -1 back), \
-    target_mm along the diagonal from 0 to its length, deviation_um; optional t_s. Measure out and back, \
-    or return once to 0 at the end: that takes the drift out. Three or more cycles give the noise.\n\n\
-    Example:\n  volcomp identify diagonals --data diagonals.csv --box-mm 800,450,400 --low-mm 0,0,-450 --model angles.toml --into angles.toml --out model.toml";
-
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -73,19 +65,29 @@ pub(super) struct Args {
     out: ModelWriter,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (args.case.file(), args.case.data(&args.data)) {
-        (Some(file), _) => {
-            file.writes_no_model(args.out.target().is_some())?;
-            vector::run(args, file)
-        }
-        (None, Some(path)) => run_data(args, path),
-        (None, None) => Err(Failure::new(EX_USAGE, "error: give --data or --input")),
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.case.front(&self.out)
+    }
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        vector::run(self, file)
+    }
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        let Some(path) = self.case.data(&self.data) else {
+            return Err(usage!("give --data or --input"));
+        };
+        Ok(Some(Box::new(Outcome::of(self, path)?)))
     }
 }
 
 /// Everything about a measurement on a machine.
-struct Outcome {
+struct Outcome<'a> {
+    args: &'a Args,
+    path: &'a Path,
+    /// The model of the levers.
+    spec: ModelSpec,
     ends: EndToEnd,
     setup: Setup,
     found: Squareness,
@@ -94,43 +96,105 @@ struct Outcome {
     /// Standard deviation of the displacements and degrees of freedom, where known.
     noise: Option<([f64; 4], Option<usize>)>,
     missing: Vec<MissingAngle>,
+    /// What was accepted as bias where angles are missing, arcsec.
+    bound: Option<f64>,
     /// RMS of the steps about model, squareness and a common scale; only where the model has positioning.
     steps: Option<f64>,
 }
 
-fn run_data(args: &Args, path: &Path) -> Result<(), Failure> {
-    let Some(size) = args.box_mm else {
-        return Err(Failure::new(EX_USAGE, "error: --box-mm is missing; give the sides of the box"));
-    };
-    let model_path = args.model.as_ref().or(args.out.into.as_ref());
-    let spec = match model_path {
-        Some(p) => read_model(p)?.0,
-        None => {
-            let text = args.out.chain.clone().unwrap_or_else(|| default_chain([]));
-            let chain = Chain::parse(&text)
-                .map_err(|e| Failure::new(EX_USAGE, format_args!("error: --chain \"{text}\": {e}")))?;
-            ModelSpec::new("unnamed", chain)
+impl<'a> Outcome<'a> {
+    fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
+        let Some(size) = args.box_mm else {
+            return Err(usage!("--box-mm is missing; give the sides of the box"));
+        };
+        let model_path = args.model.as_ref().or(args.out.into.as_ref());
+        let spec = match model_path {
+            Some(p) => read_model(p)?.0,
+            None => {
+                let text = args.out.chain.clone().unwrap_or_else(|| default_chain([]));
+                let chain = Chain::parse(&text).map_err(|e| usage!("--chain \"{text}\": {e}"))?;
+                ModelSpec::new("unnamed", chain)
+            }
+        };
+        let fail = |e| Failure::data(path, e);
+        let reflector = args.reflector_mm.unwrap_or(spec.tool_tip);
+        let setup = Setup::new(&spec.chain, args.low_mm.into(), size.into(), reflector).map_err(fail)?;
+        let readings = read_diagonals(path, setup.length())?;
+        let ends = end_to_end(&readings, setup.length()).map_err(|e| Failure::data(path, e))?;
+        let model = without_squareness(&spec);
+        let missing = setup.missing_angles(&model).map_err(fail)?;
+        if !missing.is_empty() && args.accept_bias_arcsec.is_none() {
+            return Err(refusal(path, &missing, model_path.is_some()));
         }
-    };
-    let reflector = args.reflector_mm.unwrap_or(spec.tool_tip);
-    let setup = Setup::new(&spec.chain, args.low_mm.into(), size.into(), reflector)
-        .map_err(|e| Failure::data(path, e))?;
-    let readings = read_diagonals(path, setup.length())?;
-    let ends = end_to_end(&readings, setup.length()).map_err(|e| Failure::data(path, e))?;
-    let model = without_squareness(&spec);
-    let missing = setup.missing_angles(&model).map_err(|e| Failure::data(path, e))?;
-    if !missing.is_empty() && args.accept_bias_arcsec.is_none() {
-        return Err(refusal(path, &missing, model_path.is_some()));
+        let directions = &[Travel::Forward, Travel::Reverse][..1 + usize::from(ends.both_directions)];
+        let mut subtracted = [0.0; 4];
+        for travel in directions {
+            let d = setup.displacements(&model, *travel).map_err(fail)?;
+            for i in 0..4 {
+                subtracted[i] += d[i] / directions.len() as f64;
+            }
+        }
+        let of_runs = |std: f64| ends.runs.map(|n| std / (n as f64).sqrt());
+        let noise = match (args.noise_um, ends.run_std) {
+            (Some(um), _) => Some((of_runs(mm_from_um(um)), None)),
+            (None, std) => std.map(|std| (of_runs(std), Some(ends.dof))),
+        };
+        let std = noise.map_or([0.0; 4], |n| n.0);
+        let corrected: [f64; 4] = std::array::from_fn(|i| ends.displacement[i] - subtracted[i]);
+        let mut found = setup.squareness(&corrected, &std).map_err(fail)?;
+        found.covariance += setup.covariance_of_angles(&model).map_err(fail)?;
+        let raw = setup.squareness(&ends.displacement, &std).map_err(fail)?;
+        let bound = args.accept_bias_arcsec.filter(|_| !missing.is_empty());
+        let mut outcome = Self {
+            args,
+            path,
+            spec,
+            ends,
+            setup,
+            found,
+            raw,
+            subtracted,
+            noise,
+            missing,
+            bound,
+            steps: None,
+        };
+        let knows = |(component, axis)| {
+            model.errors.iter().any(|(s, _)| *s == ErrorSymbol::Motion { component, axis })
+        };
+        if Component::ALL.into_iter().zip([AxisName::X, AxisName::Y, AxisName::Z]).all(knows) {
+            outcome.steps = steps_residual(&outcome, &model, directions).map_err(fail)?;
+        }
+        Ok(outcome)
     }
-    let outcome = evaluate(args, path, setup, ends, &model, missing)?;
-    let report = json_report(args, &outcome);
-    if args.out.target().is_some() {
-        write_model(args, path, &spec, &outcome)?;
+
+    fn lines(&self) -> [Line; 3] {
+        std::array::from_fn(|i| {
+            let value = arcsec_from_rad(self.found.value[i]);
+            let uncertainty = self.noise.map(|(_, dof)| {
+                let std = arcsec_from_rad(self.found.covariance[(i, i)].sqrt());
+                // stated noise counts as well known
+                (std, dof.map_or(1.959_964, student_95) * std + self.bound.unwrap_or(0.0))
+            });
+            Line {
+                arcsec: value,
+                std_arcsec: uncertainty.map(|u| u.0),
+                half_width_95_arcsec: uncertainty.map(|u| u.1),
+                significant: uncertainty.map(|(_, half)| value.abs() > half),
+                without_subtraction_arcsec: arcsec_from_rad(self.raw.value[i]),
+            }
+        })
     }
-    if !args.out.takes_stdout() {
-        if args.case.json { print_json(&report) } else { print_report(args, &outcome) }
-    }
-    Ok(())
+}
+
+/// One squareness with what is known about it; the bias bound is added to the half width.
+#[derive(Serialize)]
+struct Line {
+    arcsec: f64,
+    std_arcsec: Option<f64>,
+    half_width_95_arcsec: Option<f64>,
+    significant: Option<bool>,
+    without_subtraction_arcsec: f64,
 }
 
 /// Why the result would be worth little.
@@ -141,64 +205,20 @@ fn refusal(path: &Path, missing: &[MissingAngle], has_model: bool) -> Failure {
         .flat_map(|m| m.bias.iter().zip(SQUARENESS).map(move |(b, s)| (b.abs(), s, m.symbol)))
         .fold((0.0, SQUARENESS[0], missing[0].symbol), |a, b| if b.0 > a.0 { b } else { a });
     let source = if has_model { "the model lacks" } else { "no --model with" };
-    Failure::new(
-        EX_DATAERR,
-        format_args!(
-            "error: {}: {source} {}: angular errors do not cancel on diagonals (10 arcsec of {} over the box change {} by {:.1} arcsec); measure the angles and give --model, or accept and state a bound with --accept-bias-arcsec",
-            path.display(),
-            names.join(" "),
-            worst.2,
-            worst.1,
-            10.0 * worst.0
-        ),
-    )
-}
-
-fn evaluate(
-    args: &Args,
-    path: &Path,
-    setup: Setup,
-    ends: EndToEnd,
-    model: &ModelSpec,
-    missing: Vec<MissingAngle>,
-) -> Result<Outcome, Failure> {
-    let fail = |e| Failure::data(path, e);
-    let directions: &[Travel] =
-        if ends.both_directions { &[Travel::Forward, Travel::Reverse] } else { &[Travel::Forward] };
-    let mut subtracted = [0.0; 4];
-    for travel in directions {
-        let d = setup.displacements(model, *travel).map_err(fail)?;
-        for i in 0..4 {
-            subtracted[i] += d[i] / directions.len() as f64;
-        }
-    }
-    let noise = match (args.noise_um, ends.run_std) {
-        (Some(um), _) => Some((ends.runs.map(|n| mm_from_um(um) / (n as f64).sqrt()), None)),
-        (None, Some(std)) => Some((ends.runs.map(|n| std / (n as f64).sqrt()), Some(ends.dof))),
-        (None, None) => None,
-    };
-    let std = noise.map_or([0.0; 4], |n| n.0);
-    let corrected: [f64; 4] = std::array::from_fn(|i| ends.displacement[i] - subtracted[i]);
-    let mut found = setup.squareness(&corrected, &std).map_err(fail)?;
-    found.covariance += setup.covariance_of_angles(model).map_err(fail)?;
-    let raw = setup.squareness(&ends.displacement, &std).map_err(fail)?;
-    let positioning = [(Component::X, AxisName::X), (Component::Y, AxisName::Y), (Component::Z, AxisName::Z)];
-    let knows_positioning = positioning.iter().all(|&(component, axis)| {
-        model.errors.iter().any(|(s, _)| *s == ErrorSymbol::Motion { component, axis })
-    });
-    let mut outcome = Outcome { ends, setup, found, raw, subtracted, noise, missing, steps: None };
-    if knows_positioning {
-        outcome.steps = steps_residual(&outcome, model, directions).map_err(fail)?;
-    }
-    Ok(outcome)
+    let (worst, of, angle) = (10.0 * worst.0, worst.1, worst.2);
+    let what = format_args!(
+        "{source} {}: angular errors do not cancel on diagonals (10 arcsec of {angle} over the box change {of} by {worst:.1} arcsec); measure the angles and give --model, or accept and state a bound with --accept-bias-arcsec",
+        names.join(" ")
+    );
+    Failure::data(path, what)
 }
 
 /// RMS of the intermediate steps about the model with the squareness found and a common scale.
 fn steps_residual(
-    o: &Outcome,
+    o: &Outcome<'_>,
     model: &ModelSpec,
     directions: &[Travel],
-) -> Result<Option<f64>, volcomp_identify::diagonals::DiagonalsError> {
+) -> Result<Option<f64>, DiagonalsError> {
     let mut spec = model.clone();
     for (symbol, value) in SQUARENESS.into_iter().zip(o.found.value) {
         spec.errors.push((symbol, ErrorFunction::single(Curve::Constant(value))));
@@ -226,13 +246,13 @@ fn steps_residual(
 
 /// The readings of the CSV that `volcomp evaluate iso230-6` reads; a diagonal written with opposite signs is the same
 /// line from its other end.
-fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>, Failure> {
+fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
     let mut table = table::open(path)?;
     let name = table.require("diagonal")?;
     let columns = TestColumns::find(&table, &["diagonal", "t_s"])?;
     let time = table.find("t_s");
     if columns.kind == AxisKind::Rotary {
-        return Err(Failure::data(path, "a diagonal has target_mm and deviation_um, not angles"));
+        return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
     let mut readings: Vec<RunReading> = Vec::new();
     while table.advance()? {
@@ -243,14 +263,11 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>, Failure> 
         };
         let mut reading = columns.reading(&table)?;
         if !(-1e-3..=length * (1.0 + 1e-6) + 1e-3).contains(&reading.position) {
-            return Err(Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "{}: target {} mm lies outside the diagonal of {length:.4} mm; is --box-mm right?",
-                    table.fail(name, word).message,
-                    reading.position
-                ),
-            ));
+            let what = format_args!(
+                "{word}: target {} mm lies outside the diagonal of {length:.4} mm; is --box-mm right?",
+                reading.position
+            );
+            return Err(table.fail(name, what));
         }
         if reversed {
             reading = Reading {
@@ -284,168 +301,113 @@ fn diagonal_of(word: &str) -> Option<(usize, bool)> {
     find(signs).map(|i| (i, false)).or_else(|| find(signs.map(|s| -s)).map(|i| (i, true)))
 }
 
-/// One squareness with what is known about it, arcsec.
-struct Line {
-    symbol: ErrorSymbol,
-    value: f64,
-    /// Standard uncertainty and half width of the 95 % interval; the bias bound is added to the latter.
-    uncertainty: Option<(f64, f64)>,
-    biased: f64,
+/// Values of the four diagonals.
+fn by_name<V: Serialize>(values: [V; 4]) -> Value {
+    NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), json!(v))).collect()
 }
 
-impl Line {
-    fn is_significant(&self) -> Option<bool> {
-        self.uncertainty.map(|(_, half)| self.value.abs() > half)
+impl Found for Outcome<'_> {
+    fn json(&self) -> Value {
+        let mut json = json!({
+            "common_um": um_from_mm(self.found.common),
+            "displacement_um": by_name(self.ends.displacement.map(um_from_mm)),
+            "subtracted_um": by_name(self.subtracted.map(um_from_mm)),
+            "run_std_um": self.ends.run_std.map(um_from_mm),
+            "dof": self.ends.dof,
+            "open_runs": self.ends.open_runs,
+            "closure_um": by_name(self.ends.closure.map(|v| v.map(um_from_mm))),
+            "steps_rms_um": self.steps.map(um_from_mm),
+            "missing_angles": self.missing.iter().map(|m| key(m.symbol)).collect::<Vec<_>>(),
+            "bias_bound_arcsec": self.bound,
+        });
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
+            for (name, value) in json!(line).as_object().into_iter().flatten() {
+                json[format!("{}_{name}", key(symbol))] = value.clone();
+            }
+        }
+        json
     }
-}
 
-fn lines(args: &Args, o: &Outcome) -> Vec<Line> {
-    let bias = args.accept_bias_arcsec.filter(|_| !o.missing.is_empty()).unwrap_or(0.0);
-    (0..3)
-        .map(|i| Line {
-            symbol: SQUARENESS[i],
-            value: arcsec_from_rad(o.found.value[i]),
-            uncertainty: o.noise.map(|(_, dof)| {
-                let std = arcsec_from_rad(o.found.covariance[(i, i)].sqrt());
-                // stated noise counts as well known
-                (std, dof.map_or(1.959_964, student_95) * std + bias)
-            }),
-            biased: arcsec_from_rad(o.raw.value[i]),
-        })
-        .collect()
-}
-
-fn json_report(args: &Args, o: &Outcome) -> Value {
-    let mut report = Map::new();
-    for line in lines(args, o) {
-        let key = line.symbol.to_string().to_lowercase();
-        report.insert(format!("{key}_arcsec"), json!(line.value));
-        report.insert(format!("{key}_std_arcsec"), json!(line.uncertainty.map(|u| u.0)));
-        report.insert(format!("{key}_half_width_95_arcsec"), json!(line.uncertainty.map(|u| u.1)));
-        report.insert(format!("{key}_significant"), json!(line.is_significant()));
-        report.insert(format!("{key}_without_subtraction_arcsec"), json!(line.biased));
-    }
-    let by_name = |values: [f64; 4]| -> Value {
-        NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), json!(um_from_mm(v)))).collect()
-    };
-    report.insert("common_um".into(), json!(um_from_mm(o.found.common)));
-    report.insert("displacement_um".into(), by_name(o.ends.displacement));
-    report.insert("subtracted_um".into(), by_name(o.subtracted));
-    report.insert("run_std_um".into(), json!(o.ends.run_std.map(um_from_mm)));
-    report.insert("dof".into(), json!(o.ends.dof));
-    report.insert("open_runs".into(), json!(o.ends.open_runs));
-    report.insert(
-        "closure_um".into(),
-        NAMES.iter().zip(o.ends.closure).map(|(n, v)| ((*n).to_owned(), json!(v.map(um_from_mm)))).collect(),
-    );
-    report.insert("steps_rms_um".into(), json!(o.steps.map(um_from_mm)));
-    let names: Vec<String> = o.missing.iter().map(|m| m.symbol.to_string().to_lowercase()).collect();
-    report.insert("missing_angles".into(), json!(names));
-    let bound = args.accept_bias_arcsec.filter(|_| !o.missing.is_empty());
-    report.insert("bias_bound_arcsec".into(), json!(bound));
-    Value::Object(report)
-}
-
-fn print_report(args: &Args, o: &Outcome) {
-    let show = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"));
-    say!("{:<10}{:>16}{:>16}{:>12}{:>8}", "diagonal", "displacement", "model says", "closure", "runs");
-    for (i, name) in NAMES.iter().enumerate() {
-        say!(
-            "{name:<10}{:>13.2} um{:>13.2} um{:>9} um{:>8}",
-            um_from_mm(o.ends.displacement[i]),
-            um_from_mm(o.subtracted[i]),
-            show(o.ends.closure[i].map(um_from_mm)),
-            o.ends.runs[i]
-        );
-    }
-    say!();
-    say!(
-        "{:<10}{:>12}{:>14}{:>16}{:>22}",
-        "error",
-        "arcsec",
-        "std (k = 1)",
-        "95 % interval",
-        "without subtraction"
-    );
-    for line in lines(args, o) {
-        let verdict = match line.is_significant() {
-            Some(true) => "",
-            Some(false) => "  not significant",
-            None => "  noise unknown: significance cannot be judged",
-        };
-        say!(
-            "{:<10}{:>12.2}{:>14}{:>16}{:>22.2}{verdict}",
-            line.symbol.to_string(),
-            line.value,
-            show(line.uncertainty.map(|u| u.0)),
-            line.uncertainty.map_or_else(|| "-".to_owned(), |u| format!("+-{:.2}", u.1)),
-            line.biased
-        );
-    }
-    say!();
-    say!("common part (positioning and scale of the laser) {:.2} um", um_from_mm(o.found.common));
-    if let Some(std) = o.ends.run_std {
-        say!("one displacement repeats to {:.2} um ({} degrees of freedom)", um_from_mm(std), o.ends.dof);
-    }
-    notes(args, o);
-}
-
-fn notes(args: &Args, o: &Outcome) {
-    if let Some(bound) = args.accept_bias_arcsec.filter(|_| !o.missing.is_empty()) {
-        let names: Vec<String> = o.missing.iter().map(|m| m.symbol.to_string()).collect();
-        say!("bias up to {bound:.2} arcsec accepted: no data of {}; added to the interval", names.join(" "));
-    }
-    if o.ends.open_runs > 0 {
-        note!(
-            "warning: {} runs do not return to their start: a drift of laser and machine is in the result; measure out and back, or read once more at 0",
-            o.ends.open_runs
-        );
-    }
-    match (o.steps, o.noise) {
-        (Some(rms), Some((std, _))) => {
-            let limit = 3.0 * std.iter().copied().fold(0.0, f64::max) * 2f64.sqrt();
-            let verdict = if rms > limit {
-                "more than the noise explains: positioning has changed since the model was measured, or the path is wrong"
-            } else {
-                "within the noise"
+    fn print(&self) {
+        let (ends, um) = (&self.ends, um_from_mm);
+        say!("diagonal      displacement      model says     closure    runs");
+        for (i, name) in NAMES.iter().enumerate() {
+            let [measured, model] = [ends.displacement[i], self.subtracted[i]].map(um);
+            let (closure, runs) = (or_dash(ends.closure[i].map(um), 2), ends.runs[i]);
+            say!("{name:<10}{measured:>13.2} um{model:>13.2} um{closure:>9} um{runs:>8}");
+        }
+        say!();
+        say!("error           arcsec   std (k = 1)   95 % interval   without subtraction");
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
+            let verdict = match line.significant {
+                Some(true) => "",
+                Some(false) => "  not significant",
+                None => "  noise unknown: significance cannot be judged",
             };
-            say!("steps between the ends differ from the model by {:.2} um rms: {verdict}", um_from_mm(rms));
+            let (value, std) = (line.arcsec, or_dash(line.std_arcsec, 2));
+            let half =
+                line.half_width_95_arcsec.map_or_else(|| "-".to_owned(), |half| format!("+-{half:.2}"));
+            let raw = line.without_subtraction_arcsec;
+            say!("{symbol:<10}{value:>12.2}{std:>14}{half:>16}{raw:>22.2}{verdict}");
         }
-        (Some(rms), None) => {
-            say!("steps between the ends differ from the model by {:.2} um rms", um_from_mm(rms))
+        say!();
+        say!("common part (positioning and scale of the laser) {:.2} um", um(self.found.common));
+        if let Some(std) = ends.run_std {
+            say!("one displacement repeats to {:.2} um ({} degrees of freedom)", um(std), ends.dof);
         }
-        (None, _) => {
-            say!("steps between the ends are not judged: the model has no positioning of all three axes")
+        if let Some(bound) = self.bound {
+            let names: Vec<String> = self.missing.iter().map(|m| m.symbol.to_string()).collect();
+            let names = names.join(" ");
+            say!("bias up to {bound:.2} arcsec accepted: no data of {names}; added to the interval");
         }
+        if ends.open_runs > 0 {
+            note!(
+                "warning: {} runs do not return to their start: a drift of laser and machine is in the result; measure out and back, or read once more at 0",
+                ends.open_runs
+            );
+        }
+        let Some(rms) = self.steps else {
+            say!("steps between the ends are not judged: the model has no positioning of all three axes");
+            return;
+        };
+        let verdict = match self.noise {
+            None => "",
+            Some((std, _)) if rms > 3.0 * std.iter().copied().fold(0.0, f64::max) * 2f64.sqrt() => {
+                ": more than the noise explains: positioning has changed since the model was measured, or the path is wrong"
+            }
+            Some(_) => ": within the noise",
+        };
+        say!("steps between the ends differ from the model by {:.2} um rms{verdict}", um(rms));
     }
-}
 
-fn write_model(args: &Args, path: &Path, spec: &ModelSpec, o: &Outcome) -> Result<(), Failure> {
-    let mut model = args.out.base(|| spec.chain.to_string())?;
-    if args.out.into.is_none() {
-        // levers of the subtraction belong to the result
-        model.spec.workpiece_origin = spec.workpiece_origin;
-        model.spec.tool_tip = spec.tool_tip;
-        if args.out.machine.is_none() && spec.machine != "unnamed" {
-            model.spec.machine.clone_from(&spec.machine);
+    fn write(&self) -> Result<String> {
+        let (args, spec) = (self.args, &self.spec);
+        let mut model = args.out.base(|| spec.chain.to_string())?;
+        if args.out.into.is_none() {
+            // levers of the subtraction belong to the result
+            model.spec.workpiece_origin = spec.workpiece_origin;
+            model.spec.tool_tip = spec.tool_tip;
+            if args.out.machine.is_none() && spec.machine != "unnamed" {
+                model.spec.machine.clone_from(&spec.machine);
+            }
         }
+        let files = [self.path.to_owned()];
+        let all: Vec<PathBuf> = files.iter().chain(&args.model).cloned().collect();
+        let sources = Sources::of(&all);
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
+            let value = Curve::Constant(rad_from_arcsec(line.arcsec));
+            let std = line.std_arcsec.map(|std| rad_from_arcsec(std.hypot(self.bound.unwrap_or(0.0))));
+            let note = self.bound.map(|b| format!("angular data incomplete, bias up to {b} arcsec accepted"));
+            // the model that was subtracted is no measurement of its own
+            let from = Provenance { note, ..sources.only(|i| i == 0).provenance() };
+            put(&mut model, symbol, ErrorFunction { std, ..ErrorFunction::single(value) }, from);
+        }
+        let (low, size) = self.setup.cuboid();
+        let mut comment = sources.heading("identify diagonals");
+        comment.push(format!("body diagonals of the box {size:?} mm from {low:?} mm"));
+        args.out.write(&model, &comment, &files)?;
+        Ok(String::new())
     }
-    let files: Vec<PathBuf> = [Some(path.to_owned()), args.model.clone()].into_iter().flatten().collect();
-    let sources = Sources::of(&files);
-    let bound = args.accept_bias_arcsec.filter(|_| !o.missing.is_empty());
-    for line in lines(args, o) {
-        let value = Curve::Constant(rad_from_arcsec(line.value));
-        let std = line.uncertainty.map(|u| rad_from_arcsec(u.0.hypot(bound.unwrap_or(0.0))));
-        let note = bound.map(|b| format!("angular data incomplete, bias up to {b} arcsec accepted"));
-        // the model that was subtracted is no measurement of its own
-        let from = Provenance { note, ..sources.only(|i| i == 0).provenance() };
-        put(&mut model, line.symbol, ErrorFunction { std, ..ErrorFunction::single(value) }, from);
-    }
-    let (low, size) = o.setup.cuboid();
-    let mut comment = vec![format!("written by volcomp identify diagonals {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources.comments());
-    comment.push(format!("body diagonals of the box {size:?} mm from {low:?} mm"));
-    args.out.write(&model, &comment, &path.display().to_string())
 }
 
 #[cfg(test)]

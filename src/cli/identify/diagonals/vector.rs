@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use super::Args;
-use crate::Failure;
-use crate::identify::case::{CaseFile, print_json};
-use volcomp_identify::diagonals::{NAMES, SQUARENESS, Setup};
+use super::{Args, by_name};
+use crate::Result;
+use crate::identify::case::CaseFile;
+use crate::identify::method::{Found, printed};
+use volcomp_identify::diagonals::{DiagonalsError, SQUARENESS, Setup};
 use volcomp_model::curve::{Interpolation, Table};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
@@ -46,34 +47,30 @@ struct Holds {
     straightness: bool,
 }
 
-pub(super) fn run(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
+pub(super) fn run(args: &Args, file: CaseFile<'_>) -> Result<Box<dyn Found>> {
     let case: Case = file.read()?;
+    let bad = |e: DiagonalsError| file.bad(e);
     let chain = Chain::parse(&case.chain).map_err(|e| file.bad(format_args!("chain: {e}")))?;
-    let setup =
-        Setup::new(&chain, [0.0; 3], case.cuboid, Vec3::from(case.tool_tip)).map_err(|e| file.bad(e))?;
+    let setup = Setup::new(&chain, [0.0; 3], case.cuboid, Vec3::from(case.tool_tip)).map_err(bad)?;
     let d = &case.displacement;
     let measured = [d.ppp, d.npp, d.pnp, d.ppn];
-    let mut result = Map::new();
-    let mut corrected = measured;
+    let (mut json, mut corrected) = (json!({}), measured);
     // end-to-end values know the end-point lines only, whatever lines the straightness refers to
     let mut end_points = None;
+    let less = |model: [f64; 4]| core::array::from_fn(|i| measured[i] - model[i]);
     match &case.axis_errors_at_box_ends {
         Some(errors) => {
             let (mut spec, holds) = case_model(&chain, case.cuboid, errors).map_err(|e| file.bad(e))?;
             if holds.angles {
-                let model = setup.displacements(&spec, Travel::Forward).map_err(|e| file.bad(e))?;
-                corrected = core::array::from_fn(|i| measured[i] - model[i]);
-                let biased = setup.squareness(&measured, &[0.0; 4]).map_err(|e| file.bad(e))?;
-                result.insert(
-                    "model_displacement_without_squareness_first_order".into(),
-                    NAMES.iter().zip(model).map(|(n, v)| ((*n).to_owned(), json!(v))).collect(),
-                );
-                result.insert("squareness_without_subtraction".into(), squareness_object(biased.value));
+                let model = setup.displacements(&spec, Travel::Forward).map_err(bad)?;
+                corrected = less(model);
+                let biased = setup.squareness(&measured, &[0.0; 4]).map_err(bad)?;
+                json["model_displacement_without_squareness_first_order"] = by_name(model);
+                json["squareness_without_subtraction"] = squareness_object(biased.value);
             }
             if holds.straightness {
                 spec.errors.retain(|(symbol, _)| is_angle(symbol));
-                let angles = setup.displacements(&spec, Travel::Forward).map_err(|e| file.bad(e))?;
-                end_points = Some(core::array::from_fn(|i| measured[i] - angles[i]));
+                end_points = Some(less(setup.displacements(&spec, Travel::Forward).map_err(bad)?));
             }
         }
         None if args.accept_bias_arcsec.is_none() => {
@@ -83,26 +80,23 @@ pub(super) fn run(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
         }
         None => {}
     }
-    let found = setup.squareness(&corrected, &[0.0; 4]).map_err(|e| file.bad(e))?;
-    result.insert("squareness".into(), squareness_object(found.value));
-    result.insert("common".into(), json!(found.common));
+    let found = setup.squareness(&corrected, &[0.0; 4]).map_err(bad)?;
+    json["squareness"] = squareness_object(found.value);
+    json["common"] = json!(found.common);
     let per_um = setup.sensitivity().map(|s| s * mm_from_um(1.0));
-    result.insert("sigma_squareness_per_sigma_1um".into(), squareness_object(per_um));
+    json["sigma_squareness_per_sigma_1um"] = squareness_object(per_um);
     if let Some(displacement) = end_points {
-        let lines = setup.squareness(&displacement, &[0.0; 4]).map_err(|e| file.bad(e))?;
-        result.insert("squareness_of_end_point_lines_first_order".into(), squareness_object(lines.value));
+        let lines = setup.squareness(&displacement, &[0.0; 4]).map_err(bad)?;
+        json["squareness_of_end_point_lines_first_order"] = squareness_object(lines.value);
     }
     if let Some(bound) = args.accept_bias_arcsec {
-        result.insert("bias_bound_arcsec".into(), json!(bound));
+        json["bias_bound_arcsec"] = json!(bound);
     }
-    if args.case.json {
-        print_json(&Value::Object(result));
-        return Ok(());
-    }
-    for (symbol, value) in SQUARENESS.iter().zip(found.value) {
-        say!("{symbol:<6}{:>12.3} arcsec", arcsec_from_rad(value), symbol = symbol.to_string());
-    }
-    Ok(())
+    Ok(printed(json, move || {
+        for (symbol, value) in SQUARENESS.into_iter().zip(found.value) {
+            say!("{symbol:<6}{:>12.3} arcsec", arcsec_from_rad(value));
+        }
+    }))
 }
 
 /// True for an angular error motion.

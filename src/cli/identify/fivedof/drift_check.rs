@@ -5,35 +5,45 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::{Value, json};
+use serde::{Serialize, Serializer};
 
 use super::Run;
+use crate::units::{Units, key};
 use volcomp_identify::fivedof::align::align;
 use volcomp_identify::fivedof::{FiveDof, Head, to_machine};
 use volcomp_model::{Component, ErrorSymbol};
 use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Largest and mean standard deviation over the positions.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 struct Scatter {
     max: f64,
     mean: f64,
 }
 
-/// One error motion with its scatter: compensated, not compensated, printed factor; in um or arcsec.
-#[derive(Debug, Clone, PartialEq)]
+/// One error motion with its scatter, in um or arcsec.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 struct Row {
-    symbol: ErrorSymbol,
-    scatter: [Scatter; 3],
+    #[serde(serialize_with = "as_key")]
+    error: ErrorSymbol,
+    unit: &'static str,
+    /// With the drift compensation.
+    on: Scatter,
+    /// Without it.
+    off: Scatter,
+    printed_factor: Scatter,
+}
+
+fn as_key<S: Serializer>(symbol: &ErrorSymbol, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(&key(*symbol))
 }
 
 /// The table.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct DriftCheck {
     /// Runs at each position.
     runs: usize,
-    rows: Vec<Row>,
+    std: Vec<Row>,
 }
 
 /// The head as the printed formula has it: half of the distance times pointing.
@@ -64,35 +74,18 @@ impl DriftCheck {
                 .values()
                 .filter(|rows| rows.len() > 1)
                 .map(|rows| standard_deviation(rows.iter().map(|i| motion[*i][component.index()])))
-                .map(|v| if component.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) })
+                .map(Units::of_component(component).of_value)
                 .collect();
             let max = stds.iter().copied().fold(0.0, f64::max);
             Scatter { max, mean: stds.iter().sum::<f64>() / stds.len().max(1) as f64 }
         };
-        let rows = Component::ALL
-            .into_iter()
-            .filter(|c| c.index() != axis.direction())
-            .map(|component| Row {
-                symbol: ErrorSymbol::Motion { component, axis },
-                scatter: std::array::from_fn(|k| scatter(&motions[k], component)),
-            })
-            .collect();
-        Some(Self { runs, rows })
-    }
-
-    pub(super) fn json(&self) -> Value {
-        let of = |s: Scatter| json!({ "max": s.max, "mean": s.mean });
-        let rows: Vec<Value> = self
-            .rows
-            .iter()
-            .map(|row| {
-                let [on, off, printed] = row.scatter.map(of);
-                let unit = if row.symbol.is_angle() { "arcsec" } else { "um" };
-                let error = row.symbol.to_string().to_lowercase();
-                json!({ "error": error, "unit": unit, "on": on, "off": off, "printed_factor": printed })
-            })
-            .collect();
-        json!({ "runs": self.runs, "std": rows })
+        let row = |component: Component| {
+            let [on, off, printed_factor] = core::array::from_fn(|k| scatter(&motions[k], component));
+            let unit = Units::of_component(component).value;
+            Row { error: ErrorSymbol::Motion { component, axis }, unit, on, off, printed_factor }
+        };
+        let across = Component::ALL.into_iter().filter(|c| c.index() != axis.direction());
+        Some(Self { runs, std: across.map(row).collect() })
     }
 
     pub(super) fn print(&self) {
@@ -102,14 +95,10 @@ impl DriftCheck {
             self.runs
         );
         say!("{:<14}{:>22}{:>22}{:>22}", "", "drift compensated", "not compensated", "half of d theta");
-        for row in &self.rows {
-            let unit = if row.symbol.is_angle() { "arcsec" } else { "µm" };
-            let cells: String = row
-                .scatter
-                .iter()
-                .map(|s| format!("{:>22}", format!("{:.2} / {:.2}", s.max, s.mean)))
-                .collect();
-            say!("{:<14}{cells}", format!("{} {unit}", row.symbol));
+        for Row { error, unit, on, off, printed_factor } in &self.std {
+            let unit = if *unit == "um" { "µm" } else { unit };
+            let [on, off, half] = [on, off, printed_factor].map(|s| format!("{:.2} / {:.2}", s.max, s.mean));
+            say!("{:<14}{on:>22}{off:>22}{half:>22}", format!("{error} {unit}"));
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use crate::Result;
 use crate::input::{self, InputKind};
-use crate::{EX_CONFIG, Failure};
 use volcomp_identify::fivedof::resting::{Calibration, Estimate};
 use volcomp_identify::fivedof::{Channels, Detector, Head};
 use volcomp_units::{mm_from_um, um_from_mm};
@@ -73,21 +73,19 @@ pub(super) struct HeadFile {
 }
 
 impl HeadFile {
-    pub(super) fn read(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
         Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
     }
 
-    fn parse(path: &Path, text: &str) -> Result<Self, Failure> {
-        let bad = |what: &dyn core::fmt::Display| {
-            Failure::new(EX_CONFIG, format_args!("error: {}: {what}", path.display()))
-        };
-        let wire: FileWire = toml::from_str(text).map_err(|e| bad(&e))?;
+    fn parse(path: &Path, text: &str) -> Result<Self> {
+        let wire: FileWire = toml::from_str(text).map_err(|e| mistake!(path, "{e}"))?;
         if wire.format != FORMAT {
-            return Err(bad(&format_args!("format is \"{}\", expected \"{FORMAT}\"", wire.format)));
+            return Err(mistake!(path, "format is \"{}\", expected \"{FORMAT}\"", wire.format));
         }
         let focal = [wire.focal_mm.psd1, wire.focal_mm.psd2, wire.focal_mm.psd3];
-        let mut head = Head::nominal(focal, [wire.beam_1_mm, wire.beam_2_mm]).map_err(|e| bad(&e))?;
+        let mut head =
+            Head::nominal(focal, [wire.beam_1_mm, wire.beam_2_mm]).map_err(|e| mistake!(path, "{e}"))?;
         head.signs = wire.signs.or(1.0);
         head.noise = wire.noise_um.or(0.0).map(|pair| pair.map(mm_from_um));
         if let Some(d) = wire.drift {
@@ -95,7 +93,7 @@ impl HeadFile {
             head.gain = [d.gain_beam_1, d.gain_beam_2];
             head.path = [d.path_beam_1_mm, d.path_beam_2_mm];
         }
-        head.check().map_err(|e| bad(&e))?;
+        head.check().map_err(|e| mistake!(path, "{e}"))?;
         Ok(Self { instrument: wire.instrument, head, calibrated_from: wire.calibrated_from })
     }
 
@@ -146,6 +144,7 @@ impl HeadFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::EX_CONFIG;
 
     const BARE: &str = "format = \"volcomp-fivedof/1\"\nfocal-mm = { psd1 = 230, psd2 = 250, psd3 = 210 }\n\
         beam-1-mm = [-35, 8]\nbeam-2-mm = [33.5, 8]\n";

@@ -1,23 +1,30 @@
 //! `volcomp identify nineline`: displacement and straightness along lines to six error motions.
 
-mod case;
 mod compare;
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::case::{CaseArgs, print_json};
-use super::motion_curves::{CurveArgs, Origin, motions_json, names, print_motions};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use self::compare::Comparison;
+use super::case::{CaseArgs, CaseFile, refused, rows};
+use super::columns::{self, Stops};
+use super::method::{Found, Front, Method, printed};
+use super::motion_curves::{CurveArgs, Motions, Origin, Report};
+use crate::Result;
 use crate::arg_parsers::{above_zero, linear_axis, point};
-use crate::model_writer::default_chain;
-use crate::table::{nearest, open};
-use crate::{EX_DATAERR, Failure};
+use crate::model_writer::{data_error, default_chain};
+use crate::units::Units;
+use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
-use volcomp_identify::nineline::{LineReading, NineLine, solve};
+use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_identify::twist::moved;
+use volcomp_model::Component;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::axes::AxisName;
 use volcomp_units::mm_from_um;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
@@ -25,7 +32,7 @@ use volcomp_units::mm_from_um;
 /// An interferometer measures along lines parallel to the axis, its target on the carriage: displacement on three
 /// lines, one straightness on two of them, the other on one. More lines and readings are welcome: then the fit is tested.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -54,253 +61,235 @@ pub(super) struct Args {
     curves: CurveArgs,
 }
 
-const HELP: &str = "\
-Files (CSV; BOM, CRLF, blank lines and # comments are fine):
-  --lines  line,x_mm,y_mm,z_mm       carriage coordinates of the target while that line was measured
-  --data   position_mm[,cycle][,direction], then LINE_dx_um, LINE_dy_um, LINE_dz_um (actual minus nominal);
-           an empty field is no reading. Files are joined by position, cycle and direction.
-
-Example, lines 1 2 3, displacement on all, y on 1 and 2, z on 1:
-  volcomp identify nineline --axis x --lines lines.csv --data x.csv --noise-um 0.3 --out model.toml
-
-Signs: readings along M, right-handed angles. A carriage on the workpiece side (X' in the chain) is measured by its own
-motion; the model gets the motion of the tool relative to it, which is minus that.";
-
-/// A reading column: which line, which direction.
-struct Column {
-    index: usize,
-    line: usize,
-    direction: usize,
+/// A case of the reference vectors.
+#[derive(Debug, Deserialize)]
+struct Case {
+    lines_yz: Vec<[f64; 2]>,
+    x_target: f64,
+    readings: BTreeMap<String, f64>,
+    sigma: Option<f64>,
 }
 
-/// The readings of one stop.
-struct Stop {
-    position: f64,
-    cycle: u32,
-    travel: Travel,
-    readings: Vec<LineReading>,
-}
-
-/// The stops of all files, found again by where and when they were.
-#[derive(Default)]
-struct Stops {
-    all: Vec<Stop>,
-    places: HashMap<(i64, u32, bool), usize>,
-}
-
-impl Stops {
-    /// The stop at this position, made where it is missing.
-    fn index_of(&mut self, position: f64, cycle: u32, travel: Travel) -> usize {
-        let cell = (position / SAME_POSITION).round() as i64;
-        let key = |cell| (cell, cycle, travel == Travel::Forward);
-        // a position near the edge of its cell may have met its like in the next one
-        let same = |i: &&usize| (self.all[**i].position - position).abs() < SAME_POSITION;
-        let near = [cell, cell.saturating_sub(1), cell.saturating_add(1)];
-        if let Some(found) = near.into_iter().filter_map(|c| self.places.get(&key(c))).find(same) {
-            return *found;
-        }
-        self.all.push(Stop { position, cycle, travel, readings: Vec::new() });
-        self.places.insert(key(cell), self.all.len() - 1);
-        self.all.len() - 1
+impl Case {
+    /// `dy2` is the displacement along y on the second line.
+    fn readings(&self) -> Result<Vec<LineReading>, String> {
+        let sigma = self.sigma.unwrap_or(1.0);
+        self.readings
+            .iter()
+            .map(|(name, value)| {
+                let unknown = || {
+                    format!(
+                        "reading {name}: write dx1, dy1, dz1 for the first of {} lines",
+                        self.lines_yz.len()
+                    )
+                };
+                let rest = name.strip_prefix('d').ok_or_else(unknown)?;
+                let direction =
+                    ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;
+                let line: usize = rest[1..].parse().map_err(|_| unknown())?;
+                let [y, z] = line.checked_sub(1).and_then(|i| self.lines_yz.get(i)).ok_or_else(unknown)?;
+                Ok(LineReading { target: Vec3::new(self.x_target, *y, *z), direction, value: *value, sigma })
+            })
+            .collect()
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(file) = args.case.file() {
-        file.writes_no_model(args.curves.writes())?;
-        return case::run(file, args.case.json);
+fn json_of(found: &NineLine, stated: bool) -> Value {
+    // without a stated noise this is the covariance for readings of unit variance
+    let covariance = if stated { "cov" } else { "cofactor" };
+    json!({
+        "E": found.motion.as_slice(),
+        "condition_scaled": found.condition_scaled,
+        "rank": 6,
+        "dof": found.dof,
+        "chi2": found.chi2,
+        covariance: rows(|at| found.covariance[at]),
+    })
+}
+
+fn print(found: &NineLine) {
+    for c in Component::ALL {
+        let units = Units::of_component(c);
+        say!("E{}{:>14.4}  {}", c.letter(), (units.of_value)(found.motion[c.index()]), units.value);
     }
-    let data = args.case.all(&args.data);
-    let (Some(lines), Some(axis), false) = (&args.lines, args.axis, data.is_empty()) else {
-        return Err(Failure::usage("give --lines, --axis and --data, or --input with a case"));
-    };
-    let Some(sigma) = args.noise_um else {
-        return Err(Failure::usage(
-            "--noise-um is missing: without it the uncertainty of six readings is unknown",
-        ));
-    };
-    let straightness = args.sigma_straightness_um.unwrap_or(sigma);
-    let sigmas =
-        core::array::from_fn(|i| mm_from_um(if i == axis.direction() { sigma } else { straightness }));
-    let lines_of_file = read_lines(lines)?;
-    let mut stops = Stops::default();
-    for path in data {
-        read_readings(path, &lines_of_file, &sigmas, &mut stops)?;
+    say!("condition {:.1}, {} degrees of freedom", found.condition_scaled, found.dof);
+}
+
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.curves.front(&self.case)
     }
-    let base = args.curves.model.base(|| default_chain([axis]))?;
-    let sign = if base.spec.is_workpiece_side(axis) { -1.0 } else { 1.0 };
-    let mean = lines_of_file.iter().map(|l| l.1).sum::<Vec3>() / lines_of_file.len() as f64;
-    let reference = args.reference_mm.unwrap_or(mean);
-    let (rows, solved) = solve_stops(&stops.all, &reference, sign, &names(data))?;
-    let mut files = vec![lines.clone()];
-    files.extend(data.iter().cloned());
-    let origin = Origin { axis, reference, method: "nineline", files: &files };
-    let gauged = args.curves.gauge(rows, &origin)?;
-    let quiet = args.curves.model.takes_stdout();
-    let fit = Misfit::of(&solved);
-    let compared = match &args.compare {
-        Some(path) => Some(compare::with(path, axis, &gauged)?),
-        None => None,
-    };
-    if args.case.json && !quiet {
-        print_json(&serde_json::json!({
-            "motions": motions_json(&gauged, &origin),
-            "condition_scaled": fit.condition,
-            "chi2": fit.chi2,
-            "dof": fit.dof,
-            "p_value": fit.p_value(),
-            "compared": compared.as_ref().map(compare::Comparison::json),
-        }));
-    } else if !quiet {
-        fit.print(axis, lines_of_file.len(), gauged.rows.len(), &reference);
-        print_motions(&gauged, axis);
-        if let Some(compared) = &compared {
-            compared.print(axis);
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        let case: Case = file.read()?;
+        let readings = case.readings().map_err(|e| file.bad(e))?;
+        match solve(&readings) {
+            Ok(found) => Ok(printed(json_of(&found, case.sigma.is_some()), move || print(&found))),
+            Err(ref e @ NineLineError::Deficient { rank, ref unobservable, .. }) if self.case.json => {
+                Ok(refused(json!({ "rank": rank, "unobservable": unobservable.as_slice() }), e))
+            }
+            Err(e) => Err(file.bad(e)),
         }
     }
-    fit.warn();
-    args.curves.write(&gauged, &origin, base, !args.case.json)
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        let data = self.case.all(&self.data);
+        let (Some(lines), Some(axis), false) = (&self.lines, self.axis, data.is_empty()) else {
+            return Err(usage!("give --lines, --axis and --data, or --input with a case"));
+        };
+        let Some(sigma) = self.noise_um else {
+            return Err(usage!(
+                "--noise-um is missing: without it the uncertainty of six readings is unknown"
+            ));
+        };
+        let straightness = self.sigma_straightness_um.unwrap_or(sigma);
+        let sigmas =
+            core::array::from_fn(|i| mm_from_um(if i == axis.direction() { sigma } else { straightness }));
+        let lines_of_file = read_lines(lines)?;
+        let mut stops = Stops::default();
+        for path in data {
+            read_readings(path, &lines_of_file, &sigmas, &mut stops)?;
+        }
+        let base = self.curves.model.base(|| default_chain([axis]))?;
+        let sign = if base.spec.is_workpiece_side(axis) { -1.0 } else { 1.0 };
+        let mean = lines_of_file.iter().map(|l| l.1).sum::<Vec3>() / lines_of_file.len() as f64;
+        let reference = self.reference_mm.unwrap_or(mean);
+        let (rows, solved) = solve_stops(&stops.all, &reference, sign, data)?;
+        let files = [core::slice::from_ref(lines), data].concat();
+        let origin = Origin { axis, reference, method: "nineline", files };
+        let gauged = self.curves.gauge(rows, &origin)?;
+        let compared = self.compare.as_ref().map(|path| Comparison::with(path, axis, &gauged)).transpose()?;
+        let misfit = Misfit::of(&solved, lines_of_file.len(), compared);
+        Ok(self.curves.motions(gauged, origin, base, misfit))
+    }
 }
 
 /// Every stop on its own, at the reference point, times `sign`.
 fn solve_stops(
-    stops: &[Stop],
+    stops: &[(Reading, Vec<LineReading>)],
     reference: &Vec3,
     sign: f64,
-    files: &str,
-) -> Result<(Vec<MotionRow>, Vec<NineLine>), Failure> {
-    let mut rows = Vec::with_capacity(stops.len());
-    let mut solved = Vec::with_capacity(stops.len());
-    for stop in stops {
-        let found = solve(&stop.readings).map_err(|e| {
-            Failure::new(
-                EX_DATAERR,
-                format_args!("error: {files}: position {} mm, cycle {}: {e}", stop.position, stop.cycle),
-            )
-        })?;
+    files: &[PathBuf],
+) -> Result<(Vec<MotionRow>, Vec<NineLine>)> {
+    let one = |(at, readings): &(Reading, Vec<LineReading>)| {
+        let &Reading { position, cycle, travel, .. } = at;
+        let found = solve(readings)
+            .map_err(|e| data_error(files, format_args!("position {position} mm, cycle {cycle}: {e}")))?;
         let (motion, covariance) = moved(&found.motion, &found.covariance, reference);
-        rows.push(MotionRow {
-            position: stop.position,
-            cycle: stop.cycle,
-            travel: stop.travel,
-            motion: motion * sign,
-            covariance,
-        });
-        solved.push(found);
-    }
-    Ok((rows, solved))
+        Ok((MotionRow { position, cycle, travel, motion: motion * sign, covariance }, found))
+    };
+    stops.iter().map(one).collect::<Result<Vec<_>, _>>().map(|all| all.into_iter().unzip())
 }
 
-fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>, Failure> {
-    let mut table = open(path)?;
-    let name = table.require("line")?;
-    let [x, y, z] = [table.require("x_mm")?, table.require("y_mm")?, table.require("z_mm")?];
+fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>> {
+    let mut table = columns::open(path)?;
+    let (name, at) = (table.require("line")?, table.three(["x_mm", "y_mm", "z_mm"])?);
     let mut lines: Vec<(String, Vec3)> = Vec::new();
-    while table.advance()? {
-        let word = table.word(name);
+    table.rows(|row| {
+        let word = row.word(name);
         if word.is_empty() || lines.iter().any(|(n, _)| *n == word) {
-            return Err(table.fail(name, format_args!("line '{word}' has no name or occurs twice")));
+            return Err(row.fail(name, format_args!("line '{word}' has no name or occurs twice")));
         }
-        lines.push((word, Vec3::new(table.number(x)?, table.number(y)?, table.number(z)?)));
-    }
-    if lines.is_empty() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no lines below the header", path.display()),
-        ));
-    }
-    Ok(lines)
+        lines.push((word, row.point(at)?));
+        Ok(())
+    })?;
+    if lines.is_empty() { Err(data!(path, "no lines below the header")) } else { Ok(lines) }
 }
 
 fn read_readings(
     path: &Path,
     lines: &[(String, Vec3)],
     sigmas: &[f64; 3],
-    stops: &mut Stops,
-) -> Result<(), Failure> {
-    let mut table = open(path)?;
-    let position = table.require("position_mm")?;
-    let (cycle, direction) = (table.find("cycle"), table.find("direction"));
+    stops: &mut Stops<LineReading>,
+) -> Result<()> {
+    let mut table = columns::open(path)?;
+    let run = table.run("position_mm")?;
     let names: Vec<String> =
         lines.iter().flat_map(|(n, _)| ["dx", "dy", "dz"].map(|d| format!("{n}_{d}_um"))).collect();
-    let mut columns = Vec::new();
-    for (index, column) in table.columns().iter().enumerate() {
-        match names.iter().position(|n| n == column) {
-            Some(k) => columns.push(Column { index, line: k / 3, direction: k % 3 }),
-            None if index == position || Some(index) == cycle || Some(index) == direction => {}
-            None => {
-                let hint = match nearest(column, names.iter().map(String::as_str)) {
-                    Some(near) => format!("is {near} meant?"),
-                    None => format!("columns are position_mm, cycle, direction, {}", names.join(", ")),
-                };
-                return Err(table.fail(index, format_args!("unknown column; {hint}")));
-            }
-        }
-    }
-    while table.advance()? {
-        let at = table.number(position)?;
-        let cycle = cycle.map_or(Ok(0), |c| table.count(c))?;
-        let travel = direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?;
-        let index = stops.index_of(at, cycle, travel);
-        for c in columns.iter().filter(|c| !table.word(c.index).is_empty()) {
-            stops.all[index].readings.push(LineReading {
-                target: lines[c.line].1,
-                direction: c.direction,
-                value: mm_from_um(table.number(c.index)?),
-                sigma: sigmas[c.direction],
+    let columns: Vec<_> = names.iter().enumerate().filter_map(|(k, n)| Some((k, table.find(n)?))).collect();
+    table.only(|column| {
+        columns::hint(column, &names, format_args!("position_mm, cycle, direction, {}", names.join(", ")))
+    })?;
+    table.rows(|row| {
+        let at = row.reading(&run)?;
+        let readings = stops.at(at);
+        for (k, column) in columns.iter().filter(|(_, c)| !row.word(*c).is_empty()) {
+            readings.push(LineReading {
+                target: lines[k / 3].1,
+                direction: k % 3,
+                value: row.value(*column)?,
+                sigma: sigmas[k % 3],
             });
         }
-    }
-    if stops.all.is_empty() {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
-    }
-    Ok(())
+        Ok(())
+    })?;
+    if stops.all.is_empty() { Err(data!(path, "no data rows")) } else { Ok(()) }
 }
 
-/// Positions of two files closer than this (mm) are the same stop.
-const SAME_POSITION: f64 = 1e-6;
-
-/// Condition and redundancy over all stops.
+/// Condition and redundancy over all stops, and what another method says.
 struct Misfit {
+    lines: usize,
     condition: f64,
     chi2: f64,
     dof: usize,
+    compared: Option<Comparison>,
 }
 
 impl Misfit {
-    fn of(solved: &[NineLine]) -> Self {
-        solved.iter().fold(Self { condition: 0.0, chi2: 0.0, dof: 0 }, |m, s| Self {
-            condition: m.condition.max(s.condition_scaled),
-            chi2: m.chi2 + s.chi2,
-            dof: m.dof + s.dof,
-        })
+    fn of(solved: &[NineLine], lines: usize, compared: Option<Comparison>) -> Self {
+        Self {
+            lines,
+            condition: solved.iter().fold(0.0, |m, s| s.condition_scaled.max(m)),
+            chi2: solved.iter().fold(0.0, |sum, s| sum + s.chi2),
+            dof: solved.iter().map(|s| s.dof).sum(),
+            compared,
+        }
     }
 
     fn p_value(&self) -> Option<f64> {
         (self.dof > 0).then(|| chi_square_upper(self.chi2, self.dof))
     }
+}
 
-    fn print(&self, axis: AxisName, lines: usize, rows: usize, r: &Vec3) {
+impl Report for Misfit {
+    fn json(&self, motions: Value) -> Value {
+        json!({
+            "motions": motions,
+            "condition_scaled": self.condition,
+            "chi2": self.chi2,
+            "dof": self.dof,
+            "p_value": self.p_value(),
+            "compared": self.compared,
+        })
+    }
+
+    fn print(&self, motions: &Motions<'_>) {
+        let (axis, r) = (motions.origin.axis, motions.origin.reference);
+        let (lines, rows) = (self.lines, motions.gauged.rows.len());
         say!(
             "{axis} on {lines} lines at {rows} stops; ex ey ez at ({:.3} {:.3} {:.3}) mm in M at home",
             r.x,
             r.y,
             r.z
         );
+        let Self { condition, chi2, dof, .. } = self;
         match self.p_value() {
-            Some(p) => say!(
-                "condition {:.1}; fit: chi2 {:.1}, {} degrees of freedom, p {p:.3}: {}",
-                self.condition,
-                self.chi2,
-                self.dof,
-                if p < SIGNIFICANT { "FAILED" } else { "passed" }
-            ),
-            None => say!("condition {:.1}; six readings per stop: the fit cannot be tested", self.condition),
+            Some(p) => {
+                let verdict = if p < SIGNIFICANT { "FAILED" } else { "passed" };
+                say!(
+                    "condition {condition:.1}; fit: chi2 {chi2:.1}, {dof} degrees of freedom, p {p:.3}: {verdict}"
+                );
+            }
+            None => say!("condition {condition:.1}; six readings per stop: the fit cannot be tested"),
         }
         say!();
     }
 
-    fn warn(&self) {
+    fn print_below(&self) {
+        self.compared.iter().for_each(Comparison::print);
+    }
+
+    fn warn(&self, _: usize) {
         if self.p_value().is_some_and(|p| p < SIGNIFICANT) {
             note!(
                 "warning: the readings contradict each other by more than their noise (chi2 {:.1}, {} degrees of freedom); is a line misplaced, or --noise-um too small?",
@@ -308,21 +297,5 @@ impl Misfit {
                 self.dof
             );
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn stops_meet_again_in_any_order() {
-        let mut stops = Stops::default();
-        let mut at = |position, cycle, travel| stops.index_of(position, cycle, travel);
-        assert_eq!(at(10.0, 1, Travel::Forward), 0);
-        assert_eq!((at(10.0, 2, Travel::Forward), at(10.0, 1, Travel::Reverse)), (1, 2));
-        assert_eq!(at(10.000_000_9, 1, Travel::Forward), 0);
-        assert_eq!((at(10.000_002, 1, Travel::Forward), at(-10.0, 1, Travel::Forward)), (3, 4));
-        assert_eq!(at(10.0 - 0.9e-6, 2, Travel::Forward), 1);
     }
 }

@@ -1,24 +1,26 @@
 //! `volcomp identify ram`: tool poses at several positions of the head to the errors of the ram.
 
-mod case;
-mod read;
+use std::path::{Path, PathBuf};
 
-use std::path::PathBuf;
-
+use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::case::{CaseArgs, print_json};
-use super::motion_curves::{CurveArgs, Origin, in_print_units, motions_json, names, print_motions};
+use super::case::{CaseArgs, CaseFile, refused, rows};
+use super::columns::{self, Stops};
+use super::method::{Found, Front, Method, printed};
+use super::motion_curves::{CurveArgs, Motions, Origin, Report};
+use crate::Result;
 use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::files::read_model;
-use crate::model_writer::default_chain;
-use crate::{EX_DATAERR, Failure};
+use crate::model_writer::{data_error, default_chain};
+use crate::units::Units;
+use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
-use volcomp_identify::ram::{Head, Prior, RamFit, RamNoise, solve};
+use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_model::{Component, ModelSpec};
-use volcomp_units::axes::{AxisName, Travel};
+use volcomp_model::{Component, Model, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
 use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
@@ -26,7 +28,7 @@ use volcomp_units::{mm_from_um, rad_from_arcsec};
 /// At every position of the ram the head takes several poses C, A; tip and tool direction are measured at each, for
 /// example by two circles. The head's own errors are taken off by a model of the head.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -67,118 +69,137 @@ pub(super) struct Args {
     curves: CurveArgs,
 }
 
-const HELP: &str = "\
-File (CSV), actual minus nominal, in M; dir is a difference of unit vectors (tip to spindle):
-  [z_mm,][cycle,][direction,]c_deg,a_deg,tip_x_um,tip_y_um,tip_z_um,dir_x_arcsec,dir_y_arcsec,dir_z_arcsec
-Rows of equal z_mm, cycle and direction belong together. volcomp identify circles --add-pose writes such rows.
-
-Example:
-  volcomp identify ram --data poses.csv --a-axis-mm 0,0,-180 --tool-length-mm 320 --sigma-position-um 2 \\
-    --sigma-direction-arcsec 2 --head head.toml --into model.toml
-
-One pose leaves the rotation about the tool axis free and is refused; --prior-std-arcsec fixes it.";
-
-/// The poses at one position of the ram.
-struct Stop {
-    position: f64,
-    cycle: u32,
-    travel: Travel,
-    poses: Vec<volcomp_identify::ram::HeadPose>,
+/// A case of the reference vectors.
+#[derive(Debug, Deserialize)]
+struct Case {
+    head: CaseHead,
+    #[serde(default = "one")]
+    sigma_position: f64,
+    #[serde(default = "one")]
+    sigma_direction: f64,
+    poses: Vec<CasePose>,
+    prior: Option<CasePrior>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(file) = args.case.file() {
-        file.writes_no_model(args.curves.writes())?;
-        return case::run(file, args.case.json);
-    }
-    let (Some(a_axis), Some(tool_length), false) =
-        (args.a_axis_mm, args.tool_length_mm, args.case.all(&args.data).is_empty())
-    else {
-        return Err(Failure::usage("give --data, --a-axis-mm and --tool-length-mm, or --input with a case"));
-    };
-    let (Some(position), Some(direction)) = (args.sigma_position_um, args.sigma_direction_arcsec) else {
-        return Err(Failure::usage(
-            "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions",
-        ));
-    };
-    let head = Head { a_axis, tool_length };
-    let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
-    let stops = args.stops(&head)?;
-    let prior = args.prior()?;
-    let mut rows = Vec::with_capacity(stops.len());
-    let mut fits = Vec::with_capacity(stops.len());
-    for stop in &stops {
-        let prior = prior.as_ref().map(|p| p.at(args.axis, stop));
-        let fit = solve(&head, &stop.poses, &noise, prior.as_ref()).map_err(|e| {
-            Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {}: {} {} mm: {e}",
-                    names(args.case.all(&args.data)),
-                    args.axis,
-                    stop.position
-                ),
-            )
-        })?;
-        rows.push(MotionRow {
-            position: stop.position,
-            cycle: stop.cycle,
-            travel: stop.travel,
-            motion: fit.motion,
-            covariance: fit.covariance * misfit(&fit).powi(2),
-        });
-        fits.push(fit);
-    }
-    let positions: std::collections::BTreeSet<u64> = rows.iter().map(|r| r.position.to_bits()).collect();
-    if positions.len() == 1 {
-        return single(args, &fits);
-    }
-    let base = args.curves.model.base(|| default_chain([args.axis, AxisName::C, AxisName::A]))?;
-    if base.spec.is_workpiece_side(args.axis) {
-        return Err(Failure::usage(format_args!(
-            "axis {} is on the workpiece side of the chain; a ram bears the tool",
-            args.axis
-        )));
-    }
-    let mut files = args.case.all(&args.data).to_vec();
-    files.extend(args.head.iter().chain(&args.prior).cloned());
-    let origin = Origin { axis: args.axis, reference: args.reference_mm, method: "ram", files: &files };
-    let gauged = args.curves.gauge(rows, &origin)?;
-    let quiet = args.curves.model.takes_stdout();
-    if args.case.json && !quiet {
-        let stops: Vec<Value> = fits.iter().map(json_of).collect();
-        print_json(&json!({"motions": motions_json(&gauged, &origin), "stops": stops}));
-    } else if !quiet {
-        let chi2: f64 = fits.iter().map(|f| f.chi2).sum();
-        let dof: usize = fits.iter().map(|f| f.dof).sum();
-        say!("{} at {} stops, fit: chi2 {chi2:.1}, {dof} degrees of freedom", args.axis, fits.len());
-        print_motions(&gauged, args.axis);
-    }
-    warn(&fits);
-    args.curves.write(&gauged, &origin, base, !args.case.json)
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CaseHead {
+    A_axis_from_Z_reference: [f64; 3],
+    tool_length: f64,
 }
 
-/// One position of the ram: six numbers, no curves.
-fn single(args: &Args, fits: &[RamFit]) -> Result<(), Failure> {
-    if args.curves.model.target().is_some() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: all poses are at one position of {}; a model needs at least two (column z_mm)",
-                names(args.case.all(&args.data)),
-                args.axis
-            ),
-        ));
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CasePose {
+    C: f64,
+    A: f64,
+    tip_position_error: [f64; 3],
+    tool_direction_error: [f64; 3],
+}
+
+/// Mean and standard deviations; a missing one (null) is not known.
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CasePrior {
+    E: [f64; 6],
+    sigma: [Option<f64>; 6],
+}
+
+const fn one() -> f64 {
+    1.0
+}
+
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.curves.front(&self.case)
     }
-    for fit in fits {
-        if args.case.json {
-            print_json(&json_of(fit));
-        } else {
-            print(fit);
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        let case: Case = file.read()?;
+        let head = Head {
+            a_axis: Vec3::from(case.head.A_axis_from_Z_reference),
+            tool_length: case.head.tool_length,
+        };
+        let poses: Vec<HeadPose> = case
+            .poses
+            .iter()
+            .map(|p| HeadPose {
+                c: p.C,
+                a: p.A,
+                tip_error: Vec3::from(p.tip_position_error),
+                direction_error: Vec3::from(p.tool_direction_error),
+            })
+            .collect();
+        let noise = RamNoise { position: case.sigma_position, direction: case.sigma_direction };
+        let prior = case
+            .prior
+            .map(|p| Prior { mean: p.E.into(), std: p.sigma.map(|s| s.unwrap_or(f64::INFINITY)).into() });
+        match solve(&head, &poses, &noise, prior.as_ref()) {
+            Ok(fit) => Ok(printed(json_of(&fit), move || print(&fit))),
+            Err(ref e @ RamError::Deficient { rank, ref unobservable, .. }) if self.case.json => {
+                Ok(refused(json!({ "rank": rank, "unobservable": unobservable.as_slice() }), e))
+            }
+            Err(e) => Err(file.bad(e)),
         }
     }
-    warn(fits);
-    Ok(())
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        let (data, axis) = (self.case.all(&self.data), self.axis);
+        let (Some(a_axis), Some(tool_length), false) = (self.a_axis_mm, self.tool_length_mm, data.is_empty())
+        else {
+            return Err(usage!("give --data, --a-axis-mm and --tool-length-mm, or --input with a case"));
+        };
+        let (Some(position), Some(direction)) = (self.sigma_position_um, self.sigma_direction_arcsec) else {
+            return Err(usage!(
+                "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions"
+            ));
+        };
+        let head = Head { a_axis, tool_length };
+        let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
+        let stops = self.stops(&head)?;
+        let prior = self.prior()?;
+        let (mut rows, mut fits) = (Vec::new(), Vec::new());
+        for (at, poses) in &stops.all {
+            let &Reading { position, cycle, travel, .. } = at;
+            let prior = prior.as_ref().map(|p| p.at(axis, position, travel));
+            let fit = solve(&head, poses, &noise, prior.as_ref())
+                .map_err(|e| data_error(data, format_args!("{axis} {position} mm: {e}")))?;
+            let covariance = fit.covariance * misfit(&fit).powi(2);
+            rows.push(MotionRow { position, cycle, travel, motion: fit.motion, covariance });
+            fits.push(fit);
+        }
+        if rows.iter().all(|r| r.position == rows[0].position) {
+            return self.single(fits).map(Some);
+        }
+        let base = self.curves.model.base(|| default_chain([axis, AxisName::C, AxisName::A]))?;
+        if base.spec.is_workpiece_side(axis) {
+            return Err(usage!("axis {axis} is on the workpiece side of the chain; a ram bears the tool"));
+        }
+        let files = data.iter().chain(&self.head).chain(&self.prior).cloned().collect();
+        let origin = Origin { axis, reference: self.reference_mm, method: "ram", files };
+        let gauged = self.curves.gauge(rows, &origin)?;
+        Ok(self.curves.motions(gauged, origin, base, Fits(fits)))
+    }
+}
+
+/// The fits at the stops of the ram.
+struct Fits(Vec<RamFit>);
+
+impl Report for Fits {
+    fn json(&self, motions: Value) -> Value {
+        json!({"motions": motions, "stops": self.0.iter().map(json_of).collect::<Vec<_>>()})
+    }
+
+    fn print(&self, motions: &Motions<'_>) {
+        let chi2: f64 = self.0.iter().map(|f| f.chi2).sum();
+        let dof: usize = self.0.iter().map(|f| f.dof).sum();
+        let (axis, stops) = (motions.origin.axis, self.0.len());
+        say!("{axis} at {stops} stops, fit: chi2 {chi2:.1}, {dof} degrees of freedom");
+    }
+
+    fn warn(&self, _: usize) {
+        warn(&self.0);
+    }
 }
 
 /// Residuals over stated noise, where larger.
@@ -205,25 +226,76 @@ fn warn(fits: &[RamFit]) {
 
 impl Args {
     /// The poses by position of the ram, what the head does taken off.
-    fn stops(&self, head: &Head) -> Result<Vec<Stop>, Failure> {
-        let mut stops = Vec::new();
+    fn stops(&self, head: &Head) -> Result<Stops<HeadPose>> {
+        let mut stops = Stops::default();
         for path in self.case.all(&self.data) {
-            read::poses(path, &mut stops)?;
+            poses(path, &mut stops)?;
         }
         if let Some(path) = &self.head {
-            read::take_off_head(path, head, &mut stops)?;
+            take_off_head(path, head, &mut stops)?;
         }
         Ok(stops)
     }
 
+    /// One position of the ram makes no curve.
+    fn single(&self, fits: Vec<RamFit>) -> Result<Box<dyn Found>> {
+        if self.curves.model.target().is_some() {
+            let what = format_args!(
+                "all poses are at one position of {}; a model needs at least two (column z_mm)",
+                self.axis
+            );
+            return Err(data_error(self.case.all(&self.data), what));
+        }
+        warn(&fits);
+        // both directions or several cycles are several fits
+        let json = match &fits[..] {
+            [one] => json_of(one),
+            several => several.iter().map(json_of).collect(),
+        };
+        Ok(printed(json, move || fits.iter().for_each(print)))
+    }
+
     /// Mean and standard deviations of the prior.
-    fn prior(&self) -> Result<Option<PriorSource>, Failure> {
+    fn prior(&self) -> Result<Option<PriorSource>> {
         let Some(angle) = self.prior_std_arcsec else { return Ok(None) };
         let angle = rad_from_arcsec(angle);
         let length = self.prior_std_um.map_or(f64::INFINITY, mm_from_um);
         let model = self.prior.as_deref().map(read_model).transpose()?.map(|m| m.0);
         Ok(Some(PriorSource { model, std: [length, length, length, angle, angle, angle] }))
     }
+}
+
+fn poses(path: &Path, stops: &mut Stops<HeadPose>) -> Result<()> {
+    let mut table = columns::open(path)?;
+    let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find(name));
+    let (c, a) = (table.require("c_deg")?, table.require("a_deg")?);
+    let tip = table.three(["tip_x_um", "tip_y_um", "tip_z_um"])?;
+    let axis = table.three(["dir_x_arcsec", "dir_y_arcsec", "dir_z_arcsec"])?;
+    table.some_rows(|row| {
+        let position = row.value_or(z, 0.0)?;
+        let at = Reading { position, cycle: row.count(cycle)?, travel: row.travel(direction)?, value: 0.0 };
+        stops.at(at).push(HeadPose {
+            c: row.value(c)?,
+            a: row.value(a)?,
+            tip_error: row.point(tip)?,
+            direction_error: row.point(axis)?,
+        });
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// Takes off what the rotary axes of a model do: first order, ram at home.
+fn take_off_head(path: &Path, head: &Head, stops: &mut Stops<HeadPose>) -> Result<()> {
+    let (mut spec, _) = read_model(path)?;
+    spec.errors.retain(|(symbol, _)| symbol.axis().kind() == AxisKind::Rotary);
+    let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
+    for pose in stops.all.iter_mut().flat_map(|(_, poses)| poses) {
+        let of_head = model.deviation(&model.pose_of(&[(AxisName::C, pose.c), (AxisName::A, pose.a)]));
+        pose.tip_error -= of_head.position;
+        pose.direction_error -= of_head.rotation.cross(&head.at(pose.c, pose.a).0);
+    }
+    Ok(())
 }
 
 /// Where the prior comes from.
@@ -236,11 +308,11 @@ struct PriorSource {
 
 impl PriorSource {
     /// The prior at a position of the ram.
-    fn at(&self, axis: AxisName, stop: &Stop) -> Prior {
+    fn at(&self, axis: AxisName, position: f64, travel: Travel) -> Prior {
         let mut mean = [0.0; 6];
         for (symbol, function) in self.model.iter().flat_map(|m| &m.errors) {
             if symbol.axis() == axis && !symbol.is_constant() {
-                mean[symbol.component().index()] = function.value(stop.position, stop.travel);
+                mean[symbol.component().index()] = function.value(position, travel);
             }
         }
         Prior { mean: mean.into(), std: self.std.into() }
@@ -251,30 +323,24 @@ fn json_of(fit: &RamFit) -> Value {
     json!({
         "rank": fit.rank,
         "E_lsq": fit.motion.as_slice(),
-        "sigma": (0..6).map(|i| fit.covariance[(i, i)].sqrt()).collect::<Vec<_>>(),
-        "cov": (0..6).map(|i| fit.covariance.row(i).iter().copied().collect()).collect::<Vec<Vec<f64>>>(),
+        "sigma": Component::ALL.map(|c| std(fit, c)),
+        "cov": rows(|at| fit.covariance[at]),
         "chi2": fit.chi2,
         "dof": fit.dof,
         "p_value": fit.p_value,
     })
 }
 
+fn std(fit: &RamFit, component: Component) -> f64 {
+    fit.covariance[(component.index(), component.index())].sqrt()
+}
+
 fn print(fit: &RamFit) {
     for c in Component::ALL {
-        let i = c.index();
-        say!(
-            "E{}{:>14.4} +- {:.4} {} (k=1)",
-            c.letter(),
-            in_print_units(c, fit.motion[i]),
-            in_print_units(c, fit.covariance[(i, i)].sqrt()),
-            if c.is_angle() { "arcsec" } else { "um" }
-        );
+        let units = Units::of_component(c);
+        let [value, std] = [fit.motion[c.index()], std(fit, c)].map(units.of_value);
+        say!("E{}{value:>14.4} +- {std:.4} {} (k=1)", c.letter(), units.value);
     }
-    say!(
-        "rank {} of 6; chi2 {:.2}, {} degrees of freedom, p {:.3}",
-        fit.rank,
-        fit.chi2,
-        fit.dof,
-        fit.p_value
-    );
+    let RamFit { rank, chi2, dof, p_value, .. } = fit;
+    say!("rank {rank} of 6; chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}");
 }

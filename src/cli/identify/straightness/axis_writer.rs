@@ -3,33 +3,36 @@
 
 use std::path::PathBuf;
 
-use crate::arg_parsers::point;
-use crate::fit::report::{Fitted, note_text, print_table};
-use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::Result;
+use crate::arg_parsers::{one_of, point};
+use crate::fit::basis::{Auto, BASES};
+use crate::fit::report::Fitted;
+use crate::identify::curve_fits::CurveFits;
+use crate::model_writer::{ModelWriter, axis_entry, default_chain};
+use crate::units::Units;
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
-use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::curve::Basis;
 use volcomp_identify::reading::group_by_position;
 use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
 use volcomp_identify::straightness::{Line, Rule};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ReferencePoint, Sense};
-use volcomp_units::axes::AxisName;
+use volcomp_model::{Component, ErrorSymbol, ModelSpec, ReferencePoint, Sense};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// How a run becomes curves of a model.
 #[derive(Debug, clap::Args)]
 pub(in crate::identify) struct AxisWriter {
     #[command(flatten)]
-    pub(super) model: ModelWriter,
+    pub(in crate::identify) model: ModelWriter,
     /// Whose motion the readings show. carriage: the optics ride on the carriage and the instrument stands on the bed
     /// side. relative: tool side against workpiece side. Needed where the axis carries the workpiece.
-    #[arg(long, value_enum)]
-    sense: Option<SenseArg>,
+    #[arg(long, value_parser = one_of(SENSES))]
+    sense: Option<Sense>,
     /// In which sense the curves are stored; default: that of the axis in the model, else relative.
-    #[arg(long, value_enum)]
-    store: Option<SenseArg>,
+    #[arg(long, value_parser = one_of(SENSES))]
+    store: Option<Sense>,
     /// Where the optics was: the point of all linear components, in M at home.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     point_mm: Option<Vec3>,
@@ -40,55 +43,25 @@ pub(in crate::identify) struct AxisWriter {
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     bryan_mm: Option<Vec3>,
     /// The body on which these points ride: optics on the moving part, or standing with the bed side.
-    #[arg(long, value_enum, default_value = "carriage")]
-    body: BodyArg,
+    #[arg(long, value_parser = one_of(BODIES), default_value = "carriage")]
+    body: ReferenceBody,
     /// Line that the straightnesses refer to; all curves of a machine must use one rule.
-    #[arg(long, value_enum, default_value = "end-point")]
-    rule: RuleArg,
+    #[arg(long, value_parser = one_of(RULES), default_value = "end-point")]
+    pub(super) rule: Rule,
     /// Family of curves.
-    #[arg(long, value_enum, default_value = "auto")]
-    basis: BasisArg,
+    #[arg(long, value_parser = one_of(BASES), default_value = "auto")]
+    basis: Auto<Basis>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum SenseArg {
-    Carriage,
-    Relative,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum BodyArg {
-    Carriage,
-    Bed,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum RuleArg {
-    EndPoint,
-    LeastSquares,
-    MinimumZone,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum BasisArg {
-    /// Half-range or Chebyshev, or a fitted period or table where the data call for it.
-    Auto,
-    /// The mean at every target, with a reverse curve where the reversal is significant.
-    Table,
-    /// Mean, linear part and sine half waves.
-    HalfRange,
-    /// Chebyshev polynomials.
-    Chebyshev,
-}
-
-impl From<SenseArg> for Sense {
-    fn from(arg: SenseArg) -> Self {
-        match arg {
-            SenseArg::Carriage => Self::Carriage,
-            SenseArg::Relative => Self::Relative,
-        }
-    }
-}
+const SENSES: &[(&str, &str, Sense)] =
+    &[("carriage", "", Sense::Carriage), ("relative", "", Sense::Relative)];
+const BODIES: &[(&str, &str, ReferenceBody)] =
+    &[("carriage", "", ReferenceBody::Carriage), ("bed", "", ReferenceBody::Bed)];
+const RULES: &[(&str, &str, Rule)] = &[
+    ("end-point", "", Rule::EndPoint),
+    ("least-squares", "", Rule::LeastSquares),
+    ("minimum-zone", "", Rule::MinimumZone),
+];
 
 /// Readings of one error motion over the programmed coordinate, in the sense in which they were measured.
 pub(in crate::identify) struct Measured {
@@ -98,33 +71,20 @@ pub(in crate::identify) struct Measured {
     pub(in crate::identify) std: Option<f64>,
 }
 
+impl Measured {
+    pub(in crate::identify) const fn symbol(&self, axis: AxisName) -> ErrorSymbol {
+        ErrorSymbol::Motion { component: self.component, axis }
+    }
+}
+
 /// Where the readings came from.
-pub(in crate::identify) struct Origin<'a> {
+pub(in crate::identify) struct Origin {
     pub(in crate::identify) method: &'static str,
-    pub(in crate::identify) files: &'a [PathBuf],
+    pub(in crate::identify) files: Vec<PathBuf>,
     pub(in crate::identify) instrument: Option<String>,
 }
 
 impl AxisWriter {
-    /// True where a model is wanted.
-    pub(in crate::identify) fn is_wanted(&self) -> bool {
-        self.model.target().is_some()
-    }
-
-    /// True where the model goes to stdout.
-    pub(in crate::identify) fn takes_stdout(&self) -> bool {
-        self.model.takes_stdout()
-    }
-
-    /// The rule of the reference line.
-    pub(in crate::identify) const fn rule(&self) -> Rule {
-        match self.rule {
-            RuleArg::EndPoint => Rule::EndPoint,
-            RuleArg::LeastSquares => Rule::LeastSquares,
-            RuleArg::MinimumZone => Rule::MinimumZone,
-        }
-    }
-
     /// The points at which the three linear components of a run were measured, where stated.
     pub(in crate::identify) fn points(&self, axis: AxisName) -> [Option<Vec3>; 3] {
         std::array::from_fn(|i| {
@@ -134,37 +94,30 @@ impl AxisWriter {
     }
 
     /// True where the points stay with the bed side.
-    pub(in crate::identify) const fn on_bed(&self) -> bool {
-        matches!(self.body, BodyArg::Bed)
+    pub(in crate::identify) fn on_bed(&self) -> bool {
+        self.body == ReferenceBody::Bed
     }
 
-    /// Fits the readings and writes the model, where one is wanted. `moved` are the points at which the components hold
-    /// after a change of reference point; `say` prints the table of the fits.
+    /// Fits the readings and writes the model; returns the table of the fits. `moved` is the point at which the components
+    /// hold after a change of reference point.
     pub(in crate::identify) fn write(
         &self,
         axis: AxisName,
-        measured: Vec<Measured>,
+        measured: &[Measured],
         moved: Option<Vec3>,
-        origin: &Origin<'_>,
-        say: bool,
-    ) -> Result<(), Failure> {
-        let files = origin.files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
-        let mut model = self.model.base(|| default_chain([axis]))?;
+        origin: &Origin,
+    ) -> Result<String> {
+        let model = self.model.base(|| default_chain([axis]))?;
         if model.spec.chain.index_of(axis).is_none() {
             let chain = &model.spec.chain;
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: axis {axis} is not in the chain {chain}; correct --axis or --chain"),
-            ));
+            return Err(usage!("axis {axis} is not in the chain {chain}; correct --axis or --chain"));
         }
         let primed = model.spec.is_workpiece_side(axis);
-        let symbols: Vec<ErrorSymbol> =
-            measured.iter().map(|m| ErrorSymbol::Motion { component: m.component, axis }).collect();
+        let symbols: Vec<ErrorSymbol> = measured.iter().map(|m| m.symbol(axis)).collect();
         let (measured_sense, stored) = self.senses(&model.spec, axis, primed, &symbols)?;
-        let sources = Sources::of(origin.files);
-        let mut fitted = Vec::with_capacity(measured.len());
-        for (m, symbol) in measured.into_iter().zip(symbols) {
-            let mut readings = gauged(m.readings, m.component, axis, self.rule());
+        let mut fits = CurveFits::new(model, &origin.files);
+        for (m, symbol) in measured.iter().zip(symbols) {
+            let mut readings = gauged(m.readings.clone(), m.component, axis, self.rule);
             if primed {
                 readings = stored_readings(readings, measured_sense, stored);
             }
@@ -173,55 +126,38 @@ impl AxisWriter {
             if !judged.keeps_both() {
                 readings = as_one_direction(&readings);
             }
-            let request = self.request(judged.keeps_both());
-            let fit = curve::fit(&readings, &request)
-                .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {symbol}: {e}")))?;
-            let std = fit.figures.rmse_dof.into_iter().chain(m.std).reduce(f64::max);
-            let function = ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) };
+            // only a table holds two directions
+            let both = Some(Basis::Table).filter(|_| judged.keeps_both());
+            let std = |rmse: Option<f64>| rmse.into_iter().chain(m.std).reduce(f64::max);
             // sign table and tilt test are no data of the curve
-            let from =
-                Provenance { instrument: origin.instrument.clone(), ..sources.only(|i| i == 0).provenance() };
-            put(&mut model, symbol, function, from);
-            fitted.push(Fitted::new(symbol, readings.into(), fit));
+            let own = fits.sources.only(|i| i == 0).provenance();
+            let from = Provenance { instrument: origin.instrument.clone(), ..own };
+            fits.add(symbol, readings, self.basis.or(both), std, from)?;
         }
-        self.place(&mut model.spec, axis, &fitted, moved, stored);
-        for f in &fitted {
-            for note in &f.fit.notes {
-                note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
-            }
-        }
-        let mut comment =
-            vec![format!("written by volcomp identify {} {}", origin.method, env!("CARGO_PKG_VERSION"))];
-        comment.extend(sources.comments());
+        self.place(&mut fits.model.spec, axis, &fits.fitted, moved, stored);
+        let mut comment = fits.sources.heading(&format!("identify {}", origin.method));
         comment.push(format!(
             "axis {axis}: measured in the {} sense, straightness about the {} line",
             name_of(measured_sense),
-            self.rule().name().replace('_', "-")
+            self.rule.name().replace('_', "-")
         ));
-        self.model.write(&model, &comment, &files)?;
-        if say && !self.takes_stdout() {
-            print_table(&fitted);
-        }
-        Ok(())
+        fits.write(&self.model, &comment)
     }
 
     /// Measured and stored sense; for a tool-side axis they are the same thing.
     fn senses(
         &self,
-        spec: &volcomp_model::ModelSpec,
+        spec: &ModelSpec,
         axis: AxisName,
         primed: bool,
         replaced: &[ErrorSymbol],
-    ) -> Result<(Sense, Sense), Failure> {
+    ) -> Result<(Sense, Sense)> {
         let measured = match self.sense {
-            Some(sense) => sense.into(),
+            Some(sense) => sense,
             None if !primed => Sense::Relative,
             None => {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    format_args!(
-                        "error: axis {axis} carries the workpiece, so its readings have opposite signs in the two senses; say --sense carriage (optics on the carriage, instrument on the bed side) or --sense relative (tool side against workpiece side)"
-                    ),
+                return Err(usage!(
+                    "axis {axis} carries the workpiece, so its readings have opposite signs in the two senses; say --sense carriage (optics on the carriage, instrument on the bed side) or --sense relative (tool side against workpiece side)"
                 ));
             }
         };
@@ -229,17 +165,11 @@ impl AxisWriter {
         let others = spec.errors.iter().any(|(s, _)| {
             matches!(s, ErrorSymbol::Motion { axis: a, .. } if *a == axis) && !replaced.contains(s)
         });
-        let stored: Sense = match self.store {
-            Some(store) => store.into(),
-            None => entry.sense,
-        };
+        let stored = self.store.unwrap_or(entry.sense);
         if others && stored != entry.sense {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!(
-                    "error: axis {axis} of the model has other error motions in the {} sense; all six share one sense: leave --store out",
-                    name_of(entry.sense)
-                ),
+            return Err(usage!(
+                "axis {axis} of the model has other error motions in the {} sense; all six share one sense: leave --store out",
+                name_of(entry.sense)
             ));
         }
         Ok((measured, stored))
@@ -248,15 +178,14 @@ impl AxisWriter {
     /// Sense and reference points of the axis.
     fn place(
         &self,
-        spec: &mut volcomp_model::ModelSpec,
+        spec: &mut ModelSpec,
         axis: AxisName,
         fitted: &[Fitted],
         moved: Option<Vec3>,
         stored: Sense,
     ) {
         let points = self.points(axis).map(|p| moved.or(p));
-        let body =
-            if self.on_bed() && moved.is_none() { ReferenceBody::Bed } else { ReferenceBody::Carriage };
+        let body = if moved.is_none() { self.body } else { ReferenceBody::Carriage };
         let entry = axis_entry(spec, axis);
         entry.sense = stored;
         for f in fitted.iter().filter(|f| !f.symbol.is_angle()) {
@@ -271,18 +200,6 @@ impl AxisWriter {
             }
         }
     }
-
-    fn request(&self, keeps_both: bool) -> Request {
-        let basis = match self.basis {
-            // only a table holds two directions
-            BasisArg::Auto if keeps_both => Some(Basis::Table),
-            BasisArg::Auto => None,
-            BasisArg::Table => Some(Basis::Table),
-            BasisArg::HalfRange => Some(Basis::HalfRange),
-            BasisArg::Chebyshev => Some(Basis::Chebyshev),
-        };
-        Request { basis, ..Request::default() }
-    }
 }
 
 const fn name_of(sense: Sense) -> &'static str {
@@ -293,31 +210,21 @@ const fn name_of(sense: Sense) -> &'static str {
 }
 
 /// Says what was done with the two directions.
-pub(super) fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
-    let show = |v: f64| {
-        if symbol.is_angle() {
-            format!("{:.2} arcsec", volcomp_units::arcsec_from_rad(v))
-        } else {
-            format!("{:.2} um", volcomp_units::um_from_mm(v))
+fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
+    let show = |v: f64| Units::of(symbol).text(v, 2);
+    let (rms, what) = match judged {
+        Reversal::OneDirection => return,
+        Reversal::NotRepeated { rms } => {
+            (rms, ", not repeated: cannot be judged, both directions are kept".to_owned())
+        }
+        Reversal::Insignificant { rms, repeatability: r } => {
+            (rms, format!(" is within the repeatability of {}: both directions are averaged", show(r)))
+        }
+        Reversal::Significant { rms, repeatability: r } => {
+            (rms, format!(" against a repeatability of {}: forward and reverse are kept", show(r)))
         }
     };
-    match judged {
-        Reversal::OneDirection => {}
-        Reversal::NotRepeated { rms } => note!(
-            "note: {symbol}: reversal {} rms, not repeated: cannot be judged, both directions are kept",
-            show(rms)
-        ),
-        Reversal::Insignificant { rms, repeatability } => note!(
-            "note: {symbol}: reversal {} rms is within the repeatability of {}: both directions are averaged",
-            show(rms),
-            show(repeatability)
-        ),
-        Reversal::Significant { rms, repeatability } => note!(
-            "note: {symbol}: reversal {} rms against a repeatability of {}: forward and reverse are kept",
-            show(rms),
-            show(repeatability)
-        ),
-    }
+    note!("note: {symbol}: reversal {} rms{what}", show(rms));
 }
 
 /// Mean of the readings at each position, both directions alike.
@@ -325,7 +232,7 @@ pub(super) fn means(readings: &[Reading]) -> (Vec<f64>, Vec<f64>) {
     let (positions, group) = group_by_position(readings);
     let mut sums = vec![[(0.0, 0usize); 2]; positions.len()];
     for (r, &g) in readings.iter().zip(&group) {
-        let slot = &mut sums[g][usize::from(r.travel == volcomp_units::axes::Travel::Reverse)];
+        let slot = &mut sums[g][usize::from(r.travel == Travel::Reverse)];
         slot.0 += r.value;
         slot.1 += 1;
     }
@@ -373,7 +280,6 @@ fn stored_readings(readings: Vec<Reading>, measured: Sense, stored: Sense) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_units::axes::Travel;
 
     fn at(position: f64, value: f64, travel: Travel) -> Reading {
         Reading { cycle: 1, travel, position, value }

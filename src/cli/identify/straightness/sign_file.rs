@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
+use crate::identify::columns::{self, Column, Columns};
 use crate::input::{self, InputKind};
-use crate::{EX_CONFIG, EX_DATAERR, Failure, table};
+use crate::{Failure, Result};
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
 use volcomp_units::axes::AxisName;
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// The `format` of a sign table.
 const FORMAT: &str = "volcomp-6d/1";
@@ -54,22 +54,18 @@ pub(super) struct SignFile {
     pub(super) set_ups: Vec<SetUp>,
 }
 
-fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_CONFIG, format_args!("error: {}: {what}", path.display()))
-}
-
 impl SignFile {
     /// Reads and checks a file; every set-up must be a proper mapping and all must have the parity of one instrument.
-    pub(super) fn read(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
         Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
     }
 
-    fn parse(path: &Path, text: &str) -> Result<Self, Failure> {
-        let wire: FileWire = toml::from_str(text).map_err(|e| bad(path, e))?;
+    fn parse(path: &Path, text: &str) -> Result<Self> {
+        let wire: FileWire = toml::from_str(text).map_err(|e| mistake!(path, "{e}"))?;
         if wire.format != FORMAT {
             let what = format!("format is \"{}\", expected \"{FORMAT}\"", wire.format);
-            return Err(bad(path, what));
+            return Err(mistake!(path, "{what}"));
         }
         let mut file = Self { instrument: wire.instrument, set_ups: Vec::new() };
         let set_ups = [
@@ -89,17 +85,15 @@ impl SignFile {
                 let Some(word) = word else { continue };
                 let shape = if channel.is_angle() { "\"+a\", \"-b\"" } else { "\"+x\", \"-y\"" };
                 *slot = Some(Assignment::parse(word).ok_or_else(|| {
-                    let name = channel.name();
-                    bad(
+                    mistake!(
                         path,
-                        format_args!(
-                            "[{section}] {name} = \"{word}\": write a sign and a direction, such as {shape}"
-                        ),
+                        "[{section}] {} = \"{word}\": write a sign and a direction, such as {shape}",
+                        channel.name()
                     )
                 })?);
             }
             let table = SignTable { channels };
-            table.check(axis).map_err(|e| bad(path, format_args!("[{section}] {e}")))?;
+            table.check(axis).map_err(|e| mistake!(path, "[{section}] {e}"))?;
             file.set_ups.push(SetUp { axis, table, tilt_test: s.tilt_test });
         }
         file.one_parity(path)?;
@@ -107,21 +101,20 @@ impl SignFile {
     }
 
     /// The handedness of an angle belongs to the instrument, not to the set-up.
-    fn one_parity(&self, path: &Path) -> Result<(), Failure> {
+    fn one_parity(&self, path: &Path) -> Result<()> {
         for i in 0..3 {
             let mut known: Option<(AxisName, bool)> = None;
             for s in &self.set_ups {
                 let Some(parity) = s.table.parity()[i] else { continue };
                 match known {
                     Some((axis, p)) if p != parity => {
-                        let angle = Channel::ALL[i + 3].name();
-                        let (a, b) = (axis.lower(), s.axis.lower());
-                        return Err(bad(
-                            path,
-                            format_args!(
-                                "[{a}] and [{b}] disagree on {angle}: it is right-handed in one and left-handed in the other, which no turning of an instrument does; one sign of the two is wrong, a tilt test tells which"
-                            ),
-                        ));
+                        let what = format_args!(
+                            "[{}] and [{}] disagree on {}: it is right-handed in one and left-handed in the other, which no turning of an instrument does; one sign of the two is wrong, a tilt test tells which",
+                            axis.lower(),
+                            s.axis.lower(),
+                            Channel::ALL[i + 3].name()
+                        );
+                        return Err(mistake!(path, "{what}"));
                     }
                     _ => known = Some((s.axis, parity)),
                 }
@@ -131,9 +124,9 @@ impl SignFile {
     }
 
     /// The set-up of an axis.
-    pub(super) fn set_up(&self, axis: AxisName, path: &Path) -> Result<&SetUp, Failure> {
+    pub(super) fn set_up(&self, axis: AxisName, path: &Path) -> Result<&SetUp> {
         self.set_ups.iter().find(|s| s.axis == axis).ok_or_else(|| {
-            bad(path, format_args!("no section [{}] for the set-up along axis {axis}; add it", axis.lower()))
+            mistake!(path, "no section [{}] for the set-up along axis {axis}; add it", axis.lower())
         })
     }
 
@@ -170,8 +163,8 @@ impl SignFile {
     }
 }
 
-/// Columns of the channels, and which an instrument has.
-pub(super) struct ChannelColumns([Option<usize>; 6]);
+/// Columns of the channels that an instrument has.
+pub(super) struct ChannelColumns([Option<Column>; 6]);
 
 /// Column of a channel.
 fn column_name(channel: Channel) -> String {
@@ -179,7 +172,7 @@ fn column_name(channel: Channel) -> String {
 }
 
 impl ChannelColumns {
-    pub(super) fn find<R: std::io::BufRead>(table: &table::Table<R>) -> Self {
+    pub(super) fn find(table: &mut Columns) -> Self {
         Self(Channel::ALL.map(|c| table.find(&column_name(c))))
     }
 
@@ -187,59 +180,31 @@ impl ChannelColumns {
         self.0.map(|c| c.is_some())
     }
 
-    pub(super) fn indices(&self) -> impl Iterator<Item = usize> + '_ {
-        self.0.iter().flatten().copied()
-    }
-
     /// The channels of the current row in mm and rad; 0 where the instrument has none.
-    pub(super) fn read<R: std::io::BufRead>(&self, table: &table::Table<R>) -> Result<[f64; 6], Failure> {
+    pub(super) fn read(&self, row: &Columns) -> Result<[f64; 6]> {
         let mut values = [0.0; 6];
-        for ((value, column), channel) in values.iter_mut().zip(self.0).zip(Channel::ALL) {
-            if let Some(column) = column {
-                let read = table.number(column)?;
-                *value = if channel.is_angle() { rad_from_arcsec(read) } else { mm_from_um(read) };
-            }
+        for (value, column) in values.iter_mut().zip(self.0) {
+            *value = row.value_or(column, 0.0)?;
         }
         Ok(values)
     }
 }
 
 /// Runs a tilt test from a file.
-pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6], Failure> {
-    let mut table = table::open(path)?;
-    let applied: Vec<(usize, String)> = ["x", "y", "z", "a", "b", "c"]
-        .iter()
-        .enumerate()
-        .map(|(c, letter)| (c, format!("applied_e{letter}_{}", if c < 3 { "um" } else { "arcsec" })))
-        .collect();
-    let columns: Vec<(usize, Option<usize>)> =
-        applied.iter().map(|(c, name)| (*c, table.find(name))).collect();
-    let channels = ChannelColumns::find(&table);
-    let known: Vec<usize> =
-        columns.iter().filter_map(|(_, column)| *column).chain(channels.indices()).collect();
-    if let Some(i) = (0..table.columns().len()).find(|i| !known.contains(i)) {
-        let names: Vec<String> =
-            applied.into_iter().map(|(_, n)| n).chain(Channel::ALL.map(column_name)).collect();
-        return Err(table.fail(i, format_args!("unknown column; columns are {}", names.join(", "))));
-    }
-    let mut readings = Vec::new();
-    while table.advance()? {
-        let mut values = [0.0; 6];
-        for (c, column) in &columns {
-            if let Some(column) = column {
-                let read = table.number(*column)?;
-                values[*c] = if *c < 3 { mm_from_um(read) } else { rad_from_arcsec(read) };
-            }
-        }
-        readings.push(TiltReading { applied: values, channels: channels.read(&table)? });
-    }
-    tilt_test(&readings, channels.has())
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))
+pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6]> {
+    let mut table = columns::open(path)?;
+    let applied = ["x_um", "y_um", "z_um", "a_arcsec", "b_arcsec", "c_arcsec"];
+    let applied = ChannelColumns(applied.map(|name| table.find(&format!("applied_e{name}"))));
+    let channels = ChannelColumns::find(&mut table);
+    table.only(|_| format!("columns are {}", table.known().join(", ")))?;
+    let read = |row: &Columns| Ok(TiltReading { applied: applied.read(row)?, channels: channels.read(row)? });
+    tilt_test(&table.rows(read)?, channels.has()).map_err(|e| Failure::data(path, e))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::EX_CONFIG;
 
     const GOOD: &str = "format = \"volcomp-6d/1\"\ninstrument = \"6D 123\"\n\n[x]\ndistance = \"+x\"\nhorizontal = \"+y\"\n\
         vertical = \"+z\"\nroll = \"+a\"\npitch = \"+b\"\nyaw = \"+c\"\ntilt-test = \"tilt.csv\"\n";

@@ -1,21 +1,29 @@
 //! `volcomp identify threepoint`: laser-tracker points on a carriage to six error motions.
 
-mod case;
 mod plan;
 mod read;
 mod report;
 
 use std::path::PathBuf;
 
-use super::case::{CaseArgs, print_json};
-use super::motion_curves::{CurveArgs, Origin, names};
-use super::tracker_points::TrackerArgs;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::case::{CaseArgs, CaseFile, refused, rows};
+use super::method::{Found, Front, Method, printed};
+use super::motion_curves::{CurveArgs, Origin};
+use super::tracker_points::{Frame, TrackerArgs};
+use crate::Result;
 use crate::arg_parsers::{linear_axis, point};
-use crate::model_writer::default_chain;
-use crate::{EX_DATAERR, Failure};
+use crate::model_writer::{data_error, default_chain};
+use crate::units::Units;
 use volcomp_identify::motion::to_relative;
-use volcomp_identify::threepoint::{Series, sides, solve_series};
-use volcomp_model::geometry::Vec3;
+use volcomp_identify::threepoint::{
+    Geometry, Observation, PoseErrors, Seen, Series, ThreePointError, TrackerNoise, geometry, sides, solve,
+    solve_series,
+};
+use volcomp_model::Component;
+use volcomp_model::geometry::{Mat3, Vec3};
 use volcomp_units::axes::AxisName;
 
 /// Six error motions of a linear axis from three or more points on its carriage, seen by a laser tracker.
@@ -23,7 +31,7 @@ use volcomp_units::axes::AxisName;
 /// The carriage stands still at positions of its axis, all other axes at home; at each the tracker measures every
 /// point. The points move like a rigid body: from three that are not on a line follow displacement and rotation.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -55,100 +63,187 @@ pub(super) struct Args {
     curves: CurveArgs,
 }
 
-const HELP: &str = "\
-Files (CSV; BOM, CRLF, blank lines and # comments are fine):
-  --points        point,x_mm,y_mm,z_mm
-  --data          position_mm[,cycle][,direction], then per point of the points file
-                  NAME_x_mm,NAME_y_mm,NAME_z_mm  or  NAME_range_mm,NAME_azimuth_deg,NAME_elevation_deg;
-                  three empty fields: the point was not seen at this position
-  --registration  point,machine_x_mm,machine_y_mm,machine_z_mm and x_mm,y_mm,z_mm (or range, azimuth, elevation)
+/// A case of the reference vectors.
+#[derive(Debug, Deserialize)]
+struct Case {
+    points_platform: Vec<[f64; 3]>,
+    platform_origin_nominal: [f64; 3],
+    points_measured: Option<Vec<[f64; 3]>>,
+    sigma: Option<f64>,
+    tracker_origin: Option<[f64; 3]>,
+    observations_range_az_el: Option<Vec<[f64; 3]>>,
+    sigma_range: Option<f64>,
+    sigma_angle: Option<f64>,
+}
 
-Example:
-  volcomp identify threepoint --axis x --points points.csv --data x.csv --registration ref.csv \\
-    --sigma-range-um 2 --sigma-angle-arcsec 0.5 --chain \"[w X' b Y Z t]\" --machine vmc-850 --out model.toml
-  volcomp identify threepoint --plan --target-arcsec 0.7 --angles ec --axis x --points points.csv --travel-mm 0,850 \\
-    --tracker-mm 2600,250,-450 --sigma-range-um 0.5 --sigma-angle-arcsec 0.75 --chain \"[w X' b Y Z t]\"
+impl Case {
+    fn seen(&self) -> Result<Vec<Seen>, String> {
+        let measured: Vec<(Vec3, Mat3)> = match (&self.points_measured, &self.observations_range_az_el) {
+            (Some(points), None) => {
+                let variance = match self.sigma {
+                    None => 1.0,
+                    Some(s) if s > 0.0 => s * s,
+                    Some(s) => return Err(format!("sigma {s} mm is not above 0")),
+                };
+                points.iter().map(|p| (Vec3::from(*p), Mat3::identity() * variance)).collect()
+            }
+            (None, Some(observations)) => {
+                let noise = TrackerNoise {
+                    range: self.sigma_range.unwrap_or(1.0),
+                    range_share: 0.0,
+                    angle: self.sigma_angle.unwrap_or(1.0),
+                };
+                let station = Vec3::from(self.tracker_origin.ok_or("tracker_origin is missing")?);
+                observations
+                    .iter()
+                    .map(|[range, azimuth, elevation]| {
+                        let o = Observation { range: *range, azimuth: *azimuth, elevation: *elevation };
+                        (station + o.point(), o.covariance(&noise))
+                    })
+                    .collect()
+            }
+            _ => return Err("give either points_measured or observations_range_az_el".to_owned()),
+        };
+        if measured.len() != self.points_platform.len() {
+            return Err(format!(
+                "{} measured points for {} platform points; every point needs both",
+                measured.len(),
+                self.points_platform.len()
+            ));
+        }
+        Ok(self
+            .points_platform
+            .iter()
+            .zip(measured)
+            .map(|(p, (measured, covariance))| Seen { platform: Vec3::from(*p), measured, covariance })
+            .collect())
+    }
+}
 
-Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece side (X' in the chain) the tracker sees
-its own motion; the model gets the motion of the tool relative to it, which is minus that.";
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.curves.front(&self.case)
+    }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(file) = args.case.file() {
-        file.writes_no_model(args.curves.writes())?;
-        return case::run(file, args.case.json);
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
+        let case: Case = file.read()?;
+        let seen = case.seen().map_err(|e| file.bad(e))?;
+        let platform: Vec<Vec3> = case.points_platform.iter().map(|p| Vec3::from(*p)).collect();
+        match solve(&seen, &Vec3::from(case.platform_origin_nominal)) {
+            Ok(pose) => Ok(printed(json_of(&pose), move || print(&pose))),
+            Err(e @ (ThreePointError::Deficient { .. } | ThreePointError::IllConditioned { .. }))
+                if self.case.json =>
+            {
+                let g = geometry(&platform);
+                let mut known = of_geometry(&g);
+                if g.rank == 5 || matches!(e, ThreePointError::IllConditioned { .. }) {
+                    known["unobservable_direction"] = json!(g.line.as_slice());
+                }
+                Ok(refused(known, e))
+            }
+            Err(e) => Err(file.bad(e)),
+        }
     }
-    if args.plan.plan {
-        return plan::run(args);
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
+        if self.plan.plan {
+            return plan::run(self).map(Some);
+        }
+        let data = self.case.all(&self.data);
+        if data.is_empty() {
+            return Err(usage!("--input, --data or --plan is missing"));
+        }
+        let frame = self.tracker.frame()?;
+        if self.rigidity {
+            return rigidity(data, &frame).map(Some);
+        }
+        let (Some(points), Some(axis)) = (&self.points, self.axis) else {
+            return Err(usage!("--points and --axis are needed (or --rigidity, which needs neither)"));
+        };
+        let named = read::points(points)?;
+        let mut shots = Vec::new();
+        for path in data {
+            shots.extend(read::shots(path, &named, &frame, &self.tracker)?);
+        }
+        let base = self.curves.model.base(|| default_chain([axis]))?;
+        let centroid = named.iter().map(|p| p.1).sum::<Vec3>() / named.len() as f64;
+        let reference = self.reference_mm.map_or(centroid, |r| r - self.origin_mm);
+        let workpiece_side = base.spec.is_workpiece_side(axis);
+        let series = Series { axis, workpiece_side, origin: self.origin_mm, reference };
+        let mut fit = solve_series(&shots, &series).map_err(|e| data_error(data, e))?;
+        report::scale_by_misfit(&mut fit, frame.noise_is_stated());
+        if workpiece_side {
+            to_relative(&mut fit.rows);
+        }
+        let files = [points].into_iter().chain(data).chain(self.tracker.files()).cloned().collect();
+        let origin = Origin { axis, reference: self.origin_mm + reference, method: "threepoint", files };
+        let gauged = self.curves.gauge(fit.rows.clone(), &origin)?;
+        let names = named.into_iter().map(|p| p.0).collect();
+        let report = report::Threepoint { names, fit, frame, workpiece_side };
+        Ok(self.curves.motions(gauged, origin, base, report))
     }
-    let data = args.case.all(&args.data);
-    if data.is_empty() {
-        return Err(Failure::usage("--input, --data or --plan is missing"));
-    }
-    let frame = args.tracker.frame()?;
-    if args.rigidity {
-        return rigidity(args, data, &frame);
-    }
-    let (Some(points), Some(axis)) = (&args.points, args.axis) else {
-        return Err(Failure::usage("--points and --axis are needed (or --rigidity, which needs neither)"));
-    };
-    let names_of_points = read::points(points)?;
-    let mut shots = Vec::new();
-    for path in data {
-        read::shots(path, &names_of_points, &frame, &args.tracker, &mut shots)?;
-    }
-    let base = args.curves.model.base(|| default_chain([axis]))?;
-    let centroid = names_of_points.iter().map(|p| p.1).sum::<Vec3>() / names_of_points.len() as f64;
-    let reference = args.reference_mm.map_or(centroid, |r| r - args.origin_mm);
-    let series =
-        Series { axis, workpiece_side: base.spec.is_workpiece_side(axis), origin: args.origin_mm, reference };
-    let mut fit = solve_series(&shots, &series)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(data))))?;
-    report::scale_by_misfit(&mut fit, frame.noise_is_stated());
-    if series.workpiece_side {
-        to_relative(&mut fit.rows);
-    }
-    let mut files = vec![points.clone()];
-    files.extend(data.iter().chain(args.tracker.files()).cloned());
-    let origin = Origin { axis, reference: args.origin_mm + reference, method: "threepoint", files: &files };
-    let gauged = args.curves.gauge(fit.rows.clone(), &origin)?;
-    let report = report::Report {
-        names: names_of_points.iter().map(|p| p.0.clone()).collect(),
-        fit: &fit,
-        gauged: &gauged,
-        origin: &origin,
-        frame: &frame,
-        workpiece_side: series.workpiece_side,
-    };
-    let quiet = args.curves.model.takes_stdout();
-    if args.case.json && !quiet {
-        print_json(&report.json());
-    } else if !quiet {
-        report.print();
-    }
-    report.warn();
-    args.curves.write(&gauged, &origin, base, !args.case.json)
 }
 
 /// Distances between the points over all rows of all files.
-fn rigidity(args: &Args, data: &[PathBuf], frame: &super::tracker_points::Frame) -> Result<(), Failure> {
-    let mut poses = Vec::new();
-    let mut found: Vec<String> = Vec::new();
+fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>> {
+    let (mut poses, mut names) = (Vec::new(), Vec::new());
     for path in data {
-        read::poses(path, frame, &mut found, &mut poses)?;
+        poses.extend(read::poses(path, frame, &mut names)?);
     }
     let Some(sides) = sides(&poses) else {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: no two points were seen together in two rows; rigidity needs at least two of each",
-                names(data)
-            ),
+        return Err(data_error(
+            data,
+            "no two points were seen together in two rows; rigidity needs at least two of each",
         ));
     };
-    if args.case.json {
-        print_json(&report::sides_json(&sides, &found, poses.len()));
-    } else {
-        report::print_sides(&sides, &found, poses.len());
+    let json = report::sides_json(&sides, &names, poses.len());
+    Ok(printed(json, move || report::print_sides(&sides, &names, poses.len())))
+}
+
+fn of_geometry(g: &Geometry) -> Value {
+    // infinite numbers become null
+    json!({
+        "rank": g.rank,
+        "rms_radius": g.rms_radius,
+        "singular_values_scaled": g.singular_values,
+        "condition_scaled": g.condition_scaled,
+        "condition_centroid": g.condition_centroid,
+        "roll_growth": g.roll_growth,
+    })
+}
+
+fn json_of(pose: &PoseErrors) -> Value {
+    let mut json = of_geometry(&pose.geometry);
+    json["E_lsq"] = json!(pose.motion.as_slice());
+    json["cov"] = json!(rows(|at| pose.covariance[at]));
+    json["cov_diag_sqrt"] = json!(Component::ALL.map(|c| std(pose, c)));
+    json["chi2"] = json!(pose.chi2);
+    json["dof"] = json!(pose.dof);
+    json["p_value"] = json!(pose.p_value);
+    json["E_rigid_exact"] = json!(pose.rigid.as_slice());
+    json["residuals"] = pose.residuals.iter().map(|r| r.as_slice()).collect();
+    json["suspect_point"] = json!(pose.suspect().map(|(i, _)| i + 1));
+    json
+}
+
+fn std(pose: &PoseErrors, component: Component) -> f64 {
+    pose.covariance[(component.index(), component.index())].sqrt()
+}
+
+fn print(pose: &PoseErrors) {
+    say!("{:<6}{:>14}{:>12}{:>14}", "", "linear", "std (k=1)", "rigid");
+    for c in Component::ALL {
+        let (i, units) = (c.index(), Units::of_component(c));
+        let [linear, std, rigid] = [pose.motion[i], std(pose, c), pose.rigid[i]].map(units.of_value);
+        say!("E{:<5}{linear:>14.4}{std:>12.4}{rigid:>14.4}  {}", c.letter(), units.value);
     }
-    Ok(())
+    let (PoseErrors { chi2, dof, p_value, .. }, g) = (pose, &pose.geometry);
+    say!(
+        "rigidity: chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}; condition {:.1} at the platform origin, {:.1} at the centroid",
+        g.condition_scaled,
+        g.condition_centroid
+    );
+    if let Some(warning) = g.warning() {
+        note!("warning: {warning}");
+    }
 }

@@ -3,12 +3,13 @@
 use serde_json::{Value, json};
 
 use super::{Args, read};
-use crate::identify::case::print_json;
+use crate::arg_parsers::{above_zero, not_negative, numbers};
+use crate::identify::method::{Found, printed};
 use crate::model_writer::default_chain;
-use crate::{EX_DATAERR, Failure};
+use crate::units::or_dash;
+use crate::{Failure, Result};
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
 use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::AxisName;
 use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
 
 /// The three angular error motions.
@@ -21,7 +22,7 @@ pub(super) struct PlanArgs {
     #[arg(long, conflicts_with_all = ["data", "input", "rigidity"], requires_all = ["points", "axis", "travel_mm", "tracker_mm", "target_arcsec"])]
     pub(super) plan: bool,
     /// Bound of the error of an angle.
-    #[arg(long, value_name = "ARCSEC", value_parser = crate::arg_parsers::above_zero, requires = "plan")]
+    #[arg(long, value_name = "ARCSEC", value_parser = above_zero, requires = "plan")]
     target_arcsec: Option<f64>,
     /// Probability with which all positions together keep it.
     #[arg(long, value_name = "P", default_value_t = 95.0, value_parser = confidence)]
@@ -36,18 +37,15 @@ pub(super) struct PlanArgs {
     #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(2..=1000))]
     stops: u32,
     /// Standard deviation of the part of the angles that is the same in every run (encoder, refraction).
-    #[arg(long, value_name = "ARCSEC", default_value = "0", value_parser = crate::arg_parsers::not_negative)]
+    #[arg(long, value_name = "ARCSEC", default_value = "0", value_parser = not_negative)]
     systematic_angle_arcsec: f64,
 }
 
 /// `0,850`.
 fn range(text: &str) -> Result<[f64; 2], String> {
-    let ends: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    match ends.as_deref() {
-        Some([low, high]) if low < high => Ok([*low, *high]),
-        _ => Err(format!("invalid range '{text}'; expected two numbers, the smaller first, such as 0,850")),
-    }
+    numbers(text).filter(|[low, high]| low < high).ok_or_else(|| {
+        format!("invalid range '{text}'; expected two numbers, the smaller first, such as 0,850")
+    })
 }
 
 fn confidence(text: &str) -> Result<f64, String> {
@@ -57,19 +55,17 @@ fn confidence(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("invalid confidence '{text}'; expected 50 to 99.9999"))
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>> {
     let p = &args.plan;
     let (Some(points), Some(axis), Some([low, high]), Some(station), Some(target)) =
         (&args.points, args.axis, p.travel_mm, args.tracker.station(), p.target_arcsec)
     else {
-        return Err(Failure::usage(
-            "--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec",
-        ));
+        return Err(usage!("--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec"));
     };
     let noise = args
         .tracker
         .stated_noise()
-        .ok_or_else(|| Failure::usage("--plan needs --sigma-range-um and --sigma-angle-arcsec"))?;
+        .ok_or_else(|| usage!("--plan needs --sigma-range-um and --sigma-angle-arcsec"))?;
     let base = args.curves.model.base(|| default_chain([axis]))?;
     let named = read::points(points)?;
     let step = (high - low) / f64::from(p.stops - 1);
@@ -86,15 +82,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         confidence: p.confidence_percent / 100.0,
         wanted: ANGLES.map(|a| p.angles.iter().any(|w| w == a)),
     };
-    let plan = make(&request)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", points.display())))?;
+    let plan = make(&request).map_err(|e| Failure::data(points, e))?;
     let names: Vec<String> = named.into_iter().map(|n| n.0).collect();
-    if args.case.json {
-        print_json(&as_json(&plan, &request, &names));
-    } else {
-        print(&plan, &request, &names, p);
-    }
-    Ok(())
+    Ok(printed(as_json(&plan, &request, &names), move || print(&plan, &request, &names, p)))
 }
 
 fn chosen<'a>(row: &'a PlanRow, names: &'a [String]) -> Vec<&'a str> {
@@ -108,28 +98,22 @@ fn runs(row: &PlanRow, wanted: &[bool; 3]) -> Option<u32> {
 }
 
 fn as_json(plan: &Plan, request: &PlanRequest, names: &[String]) -> Value {
-    let rows: Vec<Value> = plan
-        .rows
-        .iter()
-        .map(|r| {
-            json!({
-                "points": chosen(r, names),
-                "single_std": r.single,
-                "floor_std": r.floor,
-                "runs": r.runs,
-                "runs_for_angles": runs(r, &request.wanted),
-                "condition_centroid": r.geometry.condition_centroid,
-            })
+    let row = |r: &PlanRow| {
+        json!({
+            "points": chosen(r, names),
+            "single_std": r.single,
+            "floor_std": r.floor,
+            "runs": r.runs,
+            "runs_for_angles": runs(r, &request.wanted),
+            "condition_centroid": r.geometry.condition_centroid,
         })
-        .collect();
+    };
+    let best = plan.best.map(|i| &plan.rows[i]);
     json!({
         "coverage": plan.coverage,
         "positions": request.positions.len(),
-        "rows": rows,
-        "best": plan.best.map(|i| json!({
-            "points": chosen(&plan.rows[i], names),
-            "runs": runs(&plan.rows[i], &request.wanted),
-        })),
+        "rows": plan.rows.iter().map(row).collect::<Vec<_>>(),
+        "best": best.map(|r| json!({"points": chosen(r, names), "runs": runs(r, &request.wanted)})),
     })
 }
 
@@ -142,70 +126,45 @@ fn print(plan: &Plan, request: &PlanRequest, names: &[String], asked: &PlanArgs)
         let mean = request.points.iter().sum::<Vec3>() / request.points.len() as f64;
         (at + mean).norm() / 1e3
     };
-    let (first, last) = (request.positions[0], request.positions[request.positions.len() - 1]);
-    let (near, far) = (distance(first).min(distance(last)), distance(first).max(distance(last)));
+    let count = request.positions.len();
+    let [first, last] = [request.positions[0], request.positions[count - 1]].map(distance);
+    let (near, far) = (first.min(last), first.max(last));
+    let (axis, confidence, k) = (request.axis, asked.confidence_percent, plan.coverage);
     say!(
-        "{} at {} positions, tracker {near:.1} to {far:.1} m away; target {target} arcsec at every position ({} %, k = {:.2})",
-        request.axis,
-        request.positions.len(),
-        asked.confidence_percent,
-        plan.coverage
+        "{axis} at {count} positions, tracker {near:.1} to {far:.1} m away; target {target} arcsec at every position ({confidence} %, k = {k:.2})"
     );
     say!();
-    let [a, b, c] = angle_names(request.axis);
-    say!(
-        "{:>6}  {:>9}{:>9}{:>9}  {:>7}{:>7}{:>7}  points",
-        "points",
-        format!("std {a}"),
-        format!("std {b}"),
-        format!("std {c}"),
-        "runs",
-        "runs",
-        "runs"
-    );
-    let shown = |r: Option<u32>| r.map_or_else(|| "-".to_owned(), |n| n.to_string());
+    let angles = ANGLES.map(|a| format!("{}{axis}", a.to_uppercase()));
+    let [a, b, c] = angles.each_ref().map(|name| format!("std {name}"));
+    say!("points  {a:>9}{b:>9}{c:>9}     runs   runs   runs  points");
     for r in &plan.rows {
         let [sa, sb, sc] = r.single.map(arcsec_from_rad);
-        let [na, nb, nc] = r.runs.map(shown);
-        say!(
-            "{:>6}  {sa:>9.2}{sb:>9.2}{sc:>9.2}  {na:>7}{nb:>7}{nc:>7}  {}",
-            r.chosen.len(),
-            chosen(r, names).join(" ")
-        );
+        let [na, nb, nc] = r.runs.map(|runs| or_dash(runs.map(f64::from), 0));
+        let (n, points) = (r.chosen.len(), chosen(r, names).join(" "));
+        say!("{n:>6}  {sa:>9.2}{sb:>9.2}{sc:>9.2}  {na:>7}{nb:>7}{nc:>7}  {points}");
     }
     say!();
     say!(
         "std: one reading of every point, largest over the travel, arcsec; runs: there and back; -: not reachable"
     );
-    let wanted: Vec<&str> =
-        [&a, &b, &c].into_iter().zip(request.wanted).filter(|(_, w)| *w).map(|(n, _)| n.as_str()).collect();
-    match plan.best {
-        Some(i) => {
-            let row = &plan.rows[i];
-            let runs = runs(row, &request.wanted).unwrap_or(1);
-            say!(
-                "fewest readings for {}: {} points ({}), {runs} runs, {} readings",
-                wanted.join(" "),
-                row.chosen.len(),
-                chosen(row, names).join(" "),
-                2 * u64::from(runs) * row.chosen.len() as u64 * request.positions.len() as u64
-            );
+    let wanted =
+        angles.iter().zip(request.wanted).filter(|(_, wanted)| *wanted).map(|(name, _)| name.as_str());
+    let wanted = wanted.collect::<Vec<_>>().join(" ");
+    match plan.best.map(|i| &plan.rows[i]) {
+        Some(row) => {
+            let (runs, n) = (runs(row, &request.wanted).unwrap_or(1), row.chosen.len());
+            let readings = 2 * u64::from(runs) * n as u64 * count as u64;
+            let points = chosen(row, names).join(" ");
+            say!("fewest readings for {wanted}: {n} points ({points}), {runs} runs, {readings} readings");
         }
-        None => {
-            note!(
-                "warning: {} cannot reach {target} arcsec with these points and this station; place points further apart across the beam, \
-                 move the tracker into the line of the axis (the range then carries pitch and yaw), or use another instrument",
-                wanted.join(" ")
-            );
-        }
+        None => note!(
+            "warning: {wanted} cannot reach {target} arcsec with these points and this station; place points further apart across the beam, \
+             move the tracker into the line of the axis (the range then carries pitch and yaw), or use another instrument"
+        ),
     }
     if request.systematic_angle == 0.0 {
         note!(
             "note: runs average noise only; state what is the same in every run with --systematic-angle-arcsec"
         );
     }
-}
-
-fn angle_names(axis: AxisName) -> [String; 3] {
-    ANGLES.map(|a| format!("{}{}", a.to_uppercase(), axis))
 }

@@ -2,20 +2,17 @@
 
 use serde_json::{Value, json};
 
-use crate::identify::motion_curves::{Origin, motions_json, print_motions};
-use crate::identify::tracker_points::Frame;
-use volcomp_identify::motion::Gauged;
-use volcomp_identify::threepoint::{SeriesFit, Sides};
+use crate::identify::motion_curves::{Motions, Report};
+use crate::identify::tracker_points::{Frame, Registered};
+use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
 use volcomp_model::statistics::SIGNIFICANT;
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
-/// Everything there is to say.
-pub(super) struct Report<'a> {
+/// Everything there is to say beside the motions.
+pub(super) struct Threepoint {
     pub(super) names: Vec<String>,
-    pub(super) fit: &'a SeriesFit,
-    pub(super) gauged: &'a Gauged,
-    pub(super) origin: &'a Origin<'a>,
-    pub(super) frame: &'a Frame,
+    pub(super) fit: SeriesFit,
+    pub(super) frame: Frame,
     pub(super) workpiece_side: bool,
 }
 
@@ -28,7 +25,7 @@ pub(super) fn scale_by_misfit(fit: &mut SeriesFit, noise_is_stated: bool) {
     }
 }
 
-impl Report<'_> {
+impl Threepoint {
     /// Probability of the residuals, where noise was stated to compare them with.
     fn p_value(&self) -> Option<f64> {
         (self.frame.noise_is_stated() && self.fit.dof > 0).then_some(self.fit.p_value)
@@ -43,14 +40,23 @@ impl Report<'_> {
         self.fit.poses.iter().filter(|p| p.p_value < SIGNIFICANT).count()
     }
 
-    pub(super) fn print(&self) {
-        let (o, g) = (self.origin, &self.fit.poses[0].geometry);
-        let r = o.reference;
+    /// Largest difference of the linear and the rigid model on unweighted data has no meaning where weights differ;
+    /// here it bounds both causes together.
+    fn linear_against_rigid(&self) -> (f64, f64) {
+        self.fit.poses.iter().fold((0.0, 0.0), |(d, e), p| {
+            let difference = p.motion - p.rigid;
+            (d.max(difference.fixed_rows::<3>(0).amax()), e.max(difference.fixed_rows::<3>(3).amax()))
+        })
+    }
+}
+
+impl Report for Threepoint {
+    fn print(&self, motions: &Motions<'_>) {
+        let (axis, r, g) = (motions.origin.axis, motions.origin.reference, &self.fit.poses[0].geometry);
+        let SeriesFit { chi2, dof, .. } = self.fit;
+        let (points, rows) = (self.names.len(), motions.gauged.rows.len());
         say!(
-            "{} of {} points at {} rows; ex ey ez at ({:.3} {:.3} {:.3}) mm in M at home",
-            o.axis,
-            self.names.len(),
-            self.gauged.rows.len(),
+            "{axis} of {points} points at {rows} rows; ex ey ez at ({:.3} {:.3} {:.3}) mm in M at home",
             r.x,
             r.y,
             r.z
@@ -73,65 +79,51 @@ impl Report<'_> {
             g.roll_growth
         );
         match (self.p_value(), self.fit.noise_factor) {
-            (Some(p), Some(factor)) => say!(
-                "rigidity: chi2 {:.1}, {} degrees of freedom, p {p:.3}, noise {factor:.2} times the stated one: {}",
-                self.fit.chi2,
-                self.fit.dof,
-                if p < SIGNIFICANT { "FAILED" } else { "passed" }
-            ),
+            (Some(p), Some(factor)) => {
+                let verdict = if p < SIGNIFICANT { "FAILED" } else { "passed" };
+                say!(
+                    "rigidity: chi2 {chi2:.1}, {dof} degrees of freedom, p {p:.3}, noise {factor:.2} times the stated one: {verdict}"
+                );
+            }
             (_, Some(sigma)) => say!(
-                "rigidity: no noise stated; the residuals say {:.2} um per coordinate ({} degrees of freedom)",
-                um_from_mm(sigma),
-                self.fit.dof
+                "rigidity: no noise stated; the residuals say {:.2} um per coordinate ({dof} degrees of freedom)",
+                um_from_mm(sigma)
             ),
             _ => say!("rigidity: not testable"),
         }
-        say!(
-            "linear against rigid fit: at most {:.4} um, {:.5} arcsec",
-            um_from_mm(self.linear_against_rigid().0),
-            arcsec_from_rad(self.linear_against_rigid().1)
-        );
+        let (shift, turn) = self.linear_against_rigid();
+        let (shift, turn) = (um_from_mm(shift), arcsec_from_rad(turn));
+        say!("linear against rigid fit: at most {shift:.4} um, {turn:.5} arcsec");
         say!();
-        print_motions(self.gauged, o.axis);
     }
 
-    /// Largest difference of the linear and the rigid model on unweighted data has no meaning where weights differ;
-    /// here it bounds both causes together.
-    fn linear_against_rigid(&self) -> (f64, f64) {
-        self.fit.poses.iter().fold((0.0, 0.0), |(d, e), p| {
-            let difference = p.motion - p.rigid;
-            (d.max(difference.fixed_rows::<3>(0).amax()), e.max(difference.fixed_rows::<3>(3).amax()))
-        })
-    }
-
-    /// What needs attention.
-    pub(super) fn warn(&self) {
+    fn warn(&self, rows: usize) {
         if let Some(warning) = self.fit.poses[0].geometry.warning() {
             note!("warning: {warning}");
         }
         if self.p_value().is_some_and(|p| p < SIGNIFICANT)
             && let (Some((name, lead)), Some(factor)) = (self.suspect(), self.fit.noise_factor)
         {
-            let rows = self.gauged.rows.len();
+            let failing = self.failing();
             if lead > 1.5 {
                 note!(
                     "warning: the points do not move as a rigid body ({} of {rows} rows fail): point {name} explains most of it (without it {lead:.1} times less is left than without the next one); is it loose, or its line of sight disturbed?",
-                    self.failing()
+                    failing
                 );
             } else {
                 note!(
                     "warning: the residuals are {factor:.2} times the stated noise ({} of {rows} rows fail), spread over the points (most at {name}): is the noise stated too small?",
-                    self.failing()
+                    failing
                 );
             }
             note!("note: the uncertainties given are enlarged by that factor");
         }
     }
 
-    pub(super) fn json(&self) -> Value {
+    fn json(&self, motions: Value) -> Value {
         let g = &self.fit.poses[0].geometry;
         json!({
-            "motions": motions_json(self.gauged, self.origin),
+            "motions": motions,
             "workpiece_side": self.workpiece_side,
             "points": self.names,
             "geometry": {
@@ -152,37 +144,34 @@ impl Report<'_> {
                 "suspect_point": self.suspect().map(|s| s.0),
                 "suspect_lead": self.suspect().map(|s| s.1),
             },
-            "registration": self.frame.registered.as_ref().map(super::super::tracker_points::Registered::json),
+            "registration": self.frame.registered.as_ref().map(Registered::json),
         })
     }
 }
 
 /// Distances for people.
 pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
-    say!("{:<24}{:>7}{:>14}{:>12}{:>16}", "side", "poses", "mean mm", "std mm", "peak-to-peak mm");
+    say!("side                      poses       mean mm      std mm peak-to-peak mm");
     for s in &sides.sides {
+        let Side { poses, mean, std, peak_to_peak, .. } = s;
         let side = format!("{} - {}", names[s.from], names[s.to]);
-        say!("{side:<24}{:>7}{:>14.3}{:>12.3}{:>16.3}", s.poses, s.mean, s.std, s.peak_to_peak);
+        say!("{side:<24}{poses:>7}{mean:>14.3}{std:>12.3}{peak_to_peak:>16.3}");
     }
-    say!(
-        "noise of one coordinate over {poses} poses: {:.1} um (k=1), if the body is rigid",
-        um_from_mm(sides.sigma)
-    );
+    let sigma = um_from_mm(sides.sigma);
+    say!("noise of one coordinate over {poses} poses: {sigma:.1} um (k=1), if the body is rigid");
     match sides.suspect {
-        Some((i, lead)) => say!(
-            "point {} is loose: without it the other sides have {:.0} times less variance",
-            names[i],
-            lead.min(1e9)
-        ),
+        Some((i, lead)) => {
+            let (name, times) = (&names[i], lead.min(1e9));
+            say!("point {name} is loose: without it the other sides have {times:.0} times less variance");
+        }
         None => say!("no point stands out"),
     }
 }
 
 /// Distances for machines, mm.
 pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value {
-    json!({
-        "poses": poses,
-        "sides": sides.sides.iter().map(|s| json!({
+    let side = |s: &Side| {
+        json!({
             "from": names[s.from],
             "to": names[s.to],
             "poses": s.poses,
@@ -190,8 +179,12 @@ pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value
             "std": s.std,
             "std_sample": s.std_sample,
             "peak_to_peak": s.peak_to_peak,
-        })).collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "poses": poses,
+        "sides": sides.sides.iter().map(side).collect::<Vec<_>>(),
         "sigma": sides.sigma,
-        "suspect_point": sides.suspect.map(|(i, _)| names[i].as_str()),
+        "suspect_point": sides.suspect.map(|(i, _)| &names[i]),
     })
 }

@@ -1,0 +1,232 @@
+//! Columns of instrument tables by name; their numbers become mm and rad by the unit at the end of the name.
+
+use std::collections::HashMap;
+use std::io::BufRead;
+use std::path::Path;
+
+use crate::positioning_data::no_rows;
+use crate::table::{self, Table, nearest};
+use crate::{Failure, Result};
+use volcomp_identify::Reading;
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::Travel;
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+
+/// A column and what brings its numbers into mm or rad.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Column {
+    pub(crate) index: usize,
+    to_inner: fn(f64) -> f64,
+}
+
+/// Columns of a run along one axis.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RunColumns {
+    position: Column,
+    cycle: Option<Column>,
+    direction: Option<Column>,
+}
+
+/// A table that knows which of its columns were asked for.
+pub(crate) struct Columns {
+    pub(crate) table: Table<Box<dyn BufRead>>,
+    known: Vec<String>,
+}
+
+/// The name that is most like this one, or else `columns`.
+pub(crate) fn hint(name: &str, names: &[String], columns: impl core::fmt::Display) -> String {
+    match nearest(name, names.iter().map(String::as_str)) {
+        Some(near) => format!("is {near} meant?"),
+        None => format!("columns are {columns}"),
+    }
+}
+
+/// Opens a table.
+pub(crate) fn open(path: &Path) -> Result<Columns> {
+    table::open(path).map(Columns::new)
+}
+
+impl Column {
+    fn new(name: &str, index: usize) -> Self {
+        let to_inner = match name.rsplit_once('_').map(|(_, unit)| unit) {
+            Some("um") => mm_from_um,
+            Some("arcsec") => rad_from_arcsec,
+            Some("deg") => rad_from_deg,
+            _ => |v| v,
+        };
+        Self { index, to_inner }
+    }
+}
+
+impl Columns {
+    pub(crate) const fn new(table: Table<Box<dyn BufRead>>) -> Self {
+        Self { table, known: Vec::new() }
+    }
+
+    /// The column of a name, where the table has it.
+    pub(crate) fn find(&mut self, name: &str) -> Option<Column> {
+        self.known.push(name.to_owned());
+        self.table.find(name).map(|index| Column::new(name, index))
+    }
+
+    /// The column of a name.
+    pub(crate) fn require(&mut self, name: &str) -> Result<Column> {
+        self.known.push(name.to_owned());
+        self.table.require(name).map(|index| Column::new(name, index))
+    }
+
+    /// Three columns, such as those of a point.
+    pub(crate) fn three(&mut self, names: [&str; 3]) -> Result<[Column; 3]> {
+        Ok([self.require(names[0])?, self.require(names[1])?, self.require(names[2])?])
+    }
+
+    /// The position, optional `cycle` and `direction`.
+    pub(crate) fn run(&mut self, position: &str) -> Result<RunColumns> {
+        let position = self.require(position)?;
+        Ok(RunColumns { position, cycle: self.find("cycle"), direction: self.find("direction") })
+    }
+
+    /// The columns that were asked for.
+    pub(crate) fn known(&self) -> &[String] {
+        &self.known
+    }
+
+    /// Refuses columns that were not asked for; `hint` says which were, from the name of the first.
+    pub(crate) fn only(&self, hint: impl FnOnce(&str) -> String) -> Result<()> {
+        match self.table.columns().iter().position(|c| !self.known.contains(c)) {
+            Some(i) => {
+                let hint = hint(&self.table.columns()[i]);
+                Err(self.table.fail(i, format_args!("unknown column; {hint}")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// A number of the current row as written.
+    pub(crate) fn number(&self, column: Column) -> Result<f64> {
+        self.table.number(column.index)
+    }
+
+    /// A number of the current row, mm or rad.
+    pub(crate) fn value(&self, column: Column) -> Result<f64> {
+        self.table.number(column.index).map(column.to_inner)
+    }
+
+    /// A number of the current row, or that of a table without the column.
+    pub(crate) fn value_or(&self, column: Option<Column>, default: f64) -> Result<f64> {
+        column.map_or(Ok(default), |c| self.value(c))
+    }
+
+    /// Three numbers of the current row.
+    pub(crate) fn point(&self, [x, y, z]: [Column; 3]) -> Result<Vec3> {
+        Ok(Vec3::new(self.value(x)?, self.value(y)?, self.value(z)?))
+    }
+
+    /// A word of the current row.
+    pub(crate) fn word(&self, column: Column) -> String {
+        self.table.word(column.index)
+    }
+
+    /// A whole number from 0 up; 0 without the column.
+    pub(crate) fn count(&self, column: Option<Column>) -> Result<u32> {
+        column.map_or(Ok(0), |c| self.table.count(c.index))
+    }
+
+    /// A direction; forward without the column.
+    pub(crate) fn travel(&self, column: Option<Column>) -> Result<Travel> {
+        column.map_or(Ok(Travel::Forward), |c| self.table.travel(c.index))
+    }
+
+    /// Where and when the current row was read; its value is left at 0.
+    pub(crate) fn reading(&self, run: &RunColumns) -> Result<Reading> {
+        Ok(Reading {
+            cycle: self.count(run.cycle)?,
+            travel: self.travel(run.direction)?,
+            position: self.value(run.position)?,
+            value: 0.0,
+        })
+    }
+
+    /// A message about a field of the current row.
+    pub(crate) fn fail(&self, column: Column, what: impl core::fmt::Display) -> Failure {
+        self.table.fail(column.index, what)
+    }
+
+    /// Bad data in the file.
+    pub(crate) fn file_error(&self, what: impl core::fmt::Display) -> Failure {
+        Failure::data(Path::new(self.table.file()), what)
+    }
+
+    /// What `read` makes of every row.
+    pub(crate) fn rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
+        let mut rows = Vec::new();
+        while self.table.advance()? {
+            rows.push(read(self)?);
+        }
+        Ok(rows)
+    }
+
+    /// The same, and there must be one.
+    pub(crate) fn some_rows<T>(&mut self, read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
+        let rows = self.rows(read)?;
+        if rows.is_empty() { Err(no_rows(self.table.file())) } else { Ok(rows) }
+    }
+}
+
+/// Positions closer than this (mm) are the same stop.
+const SAME_POSITION: f64 = 1e-6;
+
+/// What was read at the stops of an axis, found again by where and when it was, in any order and from several files.
+pub(crate) struct Stops<T> {
+    pub(crate) all: Vec<(Reading, Vec<T>)>,
+    places: HashMap<(i64, u32, bool), usize>,
+}
+
+impl<T> Default for Stops<T> {
+    fn default() -> Self {
+        Self { all: Vec::new(), places: HashMap::new() }
+    }
+}
+
+impl<T> Stops<T> {
+    /// What was read at this stop, which is made where it is missing.
+    pub(crate) fn at(&mut self, at: Reading) -> &mut Vec<T> {
+        let cell = (at.position / SAME_POSITION).round() as i64;
+        let key = |cell| (cell, at.cycle, at.travel == Travel::Forward);
+        // a position near the edge of its cell may have met its like in the next one
+        let same = |i: &usize| (self.all[*i].0.position - at.position).abs() < SAME_POSITION;
+        let near = [cell, cell.saturating_sub(1), cell.saturating_add(1)];
+        let known = near.into_iter().filter_map(|c| self.places.get(&key(c)).copied()).find(same);
+        let index = known.unwrap_or_else(|| {
+            self.all.push((at, Vec::new()));
+            self.places.insert(key(cell), self.all.len() - 1);
+            self.all.len() - 1
+        });
+        &mut self.all[index].1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stops_meet_again_in_any_order() {
+        let mut stops = Stops::default();
+        let mut at = |position, cycle, travel| {
+            let seen = stops.at(Reading { position, cycle, travel, value: 0.0 });
+            seen.push(position);
+            let first = seen[0];
+            stops
+                .all
+                .iter()
+                .position(|(r, _)| r.position == first && (r.cycle, r.travel) == (cycle, travel))
+                .unwrap()
+        };
+        assert_eq!(at(10.0, 1, Travel::Forward), 0);
+        assert_eq!((at(10.0, 2, Travel::Forward), at(10.0, 1, Travel::Reverse)), (1, 2));
+        assert_eq!(at(10.000_000_9, 1, Travel::Forward), 0);
+        assert_eq!((at(10.000_002, 1, Travel::Forward), at(-10.0, 1, Travel::Forward)), (3, 4));
+        assert_eq!(at(10.0 - 0.9e-6, 2, Travel::Forward), 1);
+    }
+}
