@@ -2,18 +2,57 @@
 
 use super::super::constants::HALF;
 use super::super::library::{Library, Shape, forms};
-use super::problem::Problem;
-use super::select::Selection;
+use super::problem::{Given, Problem};
+use super::select::{Found, Selection};
 
 impl Selection {
     /// A squareness that is no more than the slope of a straightness: the line from which a straightness is counted is a
-    /// choice (its ends, least squares), and the slope against it is no second cause.
+    /// choice (its ends, least squares), and the slope against it is no second cause. Nor is an angular error that
+    /// says less than a straightness with its slope.
     pub fn absorb(&mut self, problem: &mut Problem, library: &Library) {
         while let Some((place, slope, whole)) = self.slope(problem, library) {
             self.chosen[place] = whole;
             self.chosen.remove(slope);
             problem.prepare(whole);
         }
+        for place in 0..self.chosen.len() {
+            if let Some(whole) = self.straightness_rather(problem, library, place) {
+                self.chosen[place] = whole;
+                problem.prepare(whole);
+            }
+        }
+    }
+
+    /// A straightness with its slope that says more than an angular error over the same axis, which has a slope anyhow.
+    fn straightness_rather(&self, problem: &mut Problem, library: &Library, place: usize) -> Option<usize> {
+        let variant = &library.variants[self.chosen[place]];
+        let Shape::Angular(forms::Angular { over: axis, .. }) = variant.shape else { return None };
+        let others = self.without(&[place]);
+        let given = Self::given(problem, &others);
+        let own = self.found(problem, library, &given, self.chosen[place]).evidence;
+        let crosses = |shape: &Shape| shape.over() == Some(axis) && shape.acts_along() != Some(axis);
+        let best = self.best_with_line(problem, library, &given, |label, shape| {
+            crosses(shape) && !self.has(library, label)
+        })?;
+        let (whole, best) = (best.variant, best.evidence);
+        let beside: Vec<usize> = others.into_iter().chain([whole]).collect();
+        let terms = Self::terms(problem, &beside, whole);
+        (best > own && (Self::is_small(&terms) || Self::is_from_its_ends(&terms))).then_some(whole)
+    }
+
+    /// The curve with its slope, of those wanted (label and shape), that says most beside what is given.
+    fn best_with_line(
+        &self,
+        problem: &Problem,
+        library: &Library,
+        given: &Given,
+        wanted: impl Fn(usize, &Shape) -> bool,
+    ) -> Option<Found> {
+        let variants = library.variants.iter().enumerate();
+        variants
+            .filter(|(_, v)| v.shape.has_slope() && wanted(v.label, &v.shape))
+            .map(|(v, _)| self.found(problem, library, given, v))
+            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     /// Takes straightnesses and their slopes apart: what stands beside them may have changed since they were one.
@@ -92,6 +131,13 @@ impl Selection {
             if problem.norm[c] > 0.0 { own / problem.norm[c] } else { 0.0 }
         };
         (at..at + k).map(value).collect()
+    }
+
+    /// True where the slope of a straightness is small against the rest of it.
+    fn is_small(terms: &[f64]) -> bool {
+        let square = |c: &f64, n: i32| c * c / f64::from(2 * n + 1);
+        let rest: f64 = terms.iter().zip(1..).skip(1).map(|(c, n)| square(c, n)).sum();
+        terms.first().is_some_and(|slope| square(slope, 1) < HALF * rest)
     }
 
     /// True where a straightness with its slope is nearly as high at one end as at the other: it is then counted from the

@@ -134,6 +134,18 @@ fn by_lines(
 }
 
 #[test]
+fn an_angle_that_says_only_the_slope_of_a_straightness_is_that_slope() {
+    let bow = |x: f64| 60.0 * (2.5 * x * x * x - 1.5 * x);
+    assert_eq!(by_lines(&[3], |_, x| bow(x) - 60.0 * x, Selection::absorb), [1]);
+    // one that acts through both levers stays, and so does a squareness larger than the straightness
+    let lever = |i: usize, x: f64| bow(x) + 15.0 * x * [1.4, 0.6][i % 2];
+    assert_eq!(by_lines(&[0, 3], lever, Selection::absorb), [0, 3]);
+    let angle = |i: usize, x: f64| (60.0 * x * x - 50.0 * x) * [1.4, 0.6][i % 2];
+    assert_eq!(by_lines(&[3], angle, Selection::absorb), [3]);
+    assert_eq!(by_lines(&[0, 2], |_, x| bow(x) + 90.0 * x, Selection::absorb), [0, 2]);
+}
+
+#[test]
 fn a_straightness_with_its_slope_is_weighed_again_in_two_parts() {
     assert_eq!(by_lines(&[1], |_, x| 60.0 * x, Selection::take_apart), [0, 2]);
     assert_eq!(by_lines(&[2, 1], |_, x| 60.0 * x, Selection::take_apart), [2, 0]);
