@@ -40,6 +40,26 @@ fn diagnose(path: &Path, extra: &[&str]) -> (Value, String) {
     (serde_json::from_slice(&done.stdout).unwrap(), text(&done.stderr))
 }
 
+#[test]
+fn without_a_folder_the_answer_is_printed_and_nothing_is_written() {
+    let directory = tempfile::tempdir().unwrap();
+    let plain = directory.path().join("stage.dat");
+    std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/sessions/stage.dat"), &plain)
+        .unwrap();
+    let done = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .current_dir(directory.path())
+        .args(["diagnose", "stage.dat"])
+        .output()
+        .unwrap();
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    assert!(
+        text(&done.stdout)
+            .trim_end()
+            .ends_with("--out DIR writes report.html, report.json and addition.toml")
+    );
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+}
+
 fn refused(path: &Path, code: i32) -> String {
     let directory = tempfile::tempdir().unwrap();
     let done = run(directory.path(), path, &[]);

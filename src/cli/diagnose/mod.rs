@@ -44,6 +44,7 @@ use volcomp_units::axes::AxisName;
 /// model extend.
 #[derive(Debug, Parser)]
 #[command(after_help = "Examples:\n  \
+    volcomp diagnose test.dat\n  \
     volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \
     volcomp diagnose --model m.toml --data s.csv --fresh tomorrow.csv --out gap --json\n  \
     volcomp diagnose --model m.toml --plan --data program.csv\n  \
@@ -79,8 +80,8 @@ pub(super) struct Args {
     /// Take an effect out of the library, such as backlash or backlash:x; may be repeated.
     #[arg(long, value_name = "EFFECT[:SUBJECT]", value_parser = without)]
     without: Vec<Without>,
-    /// Folder for report.json, report.html and addition.toml.
-    #[arg(long, value_name = "DIR", required_unless_present_any = ["list_effects", "plan"])]
+    /// Folder for report.json, report.html and addition.toml; without it nothing is written.
+    #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write the report to stdout as well, as JSON.
     #[arg(long)]

@@ -122,8 +122,9 @@ pub(super) fn summary(
     for n in r.notes.iter().skip(stated) {
         say!("note: {n}");
     }
-    if let Some(out) = out {
-        say!("written: {}", out.join("report.html").display());
+    match out {
+        Some(out) => say!("written: {}", out.join("report.html").display()),
+        None => say!("nothing written; --out DIR writes report.html, report.json and addition.toml"),
     }
     Ok(())
 }
