@@ -6,13 +6,17 @@
 
 use nalgebra::DMatrix;
 
-use super::super::constants::{LITTLE, MANY, MOST, NEARLY, SURE, TOLD};
+use super::super::constants::{LITTLE, MANY, MOST, NEARLY, SURE};
 use super::super::library::{Library, Shape, forms};
 use super::super::noise::Random;
 use super::problem::{Given, Problem};
 
 /// Price of a parameter beside its g-prior.
 const PARAMETER_PRICE: f64 = 0.7;
+/// A further effect brings at least this share of the number of readings, and of the energy that earlier effects have where it acts.
+/// At 2 % what stands for something outside the library is not chosen, and nothing says that it is there.
+const FURTHER_SHARE: f64 = 0.006;
+const CELL_SHARE: f64 = 0.015;
 /// Draws of pure noise.
 const DRAWS: usize = 96;
 /// Share of the draws below the threshold.
@@ -229,7 +233,7 @@ impl Selection {
         if self.chosen.is_empty() || self.is_plain {
             return true;
         }
-        if found.gain < TOLD * problem.len() as f64 {
+        if found.gain < FURTHER_SHARE * problem.len() as f64 {
             return false;
         }
         let earlier = problem.contribution(&given.columns, &problem.fit(given));
@@ -244,7 +248,7 @@ impl Selection {
         let total: f64 = acts.iter().sum();
         let where_it_acts: f64 =
             energy.iter().zip(&acts).filter(|(_, a)| **a > 0.01 * total).map(|(e, _)| e).sum();
-        let share = if problem.precise { PRECISE_SHARE } else { TOLD };
+        let share = if problem.precise { PRECISE_SHARE } else { CELL_SHARE };
         found.gain >= share * where_it_acts
     }
 

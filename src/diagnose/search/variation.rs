@@ -6,7 +6,7 @@
 //! as that of the noise is, and the products join the noise: whitening by a matrix of low rank, `(1 + U U')^-1/2`.
 //! Source: discrepancy as a process beside parameters (Kennedy, O'Hagan); `docs/explanation/diagnosis.md` (variation).
 
-use super::super::constants::{STRONG, SURE, TOLD};
+use super::super::constants::STRONG;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::super::library::legendre;
@@ -17,6 +17,10 @@ use super::problem::Problem;
 
 /// Variations that are tried, relative.
 const SHARES: [f64; 8] = [0.015, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25];
+/// Standard deviations that are taken off before an effect is said to grow.
+const GROWS: f64 = 2.0;
+/// Least variance of a direction that changes anything, 1 is the noise.
+const TELLS: f64 = 0.01;
 /// Coefficients by degree, as a share of the variation: a wave as long as the travel has about these.
 const DEGREES: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
 
@@ -82,7 +86,7 @@ impl Variation {
         let share = left.most_likely()?;
         let eigen = SymmetricEigen::new(products.tr_mul(&products));
         let size = eigen.eigenvalues.map(|l| l.max(0.0));
-        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * share * share > TOLD).collect();
+        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * share * share > TELLS).collect();
         let mut basis = &products * eigen.eigenvectors.select_columns(&kept);
         for (mut column, k) in basis.column_iter_mut().zip(&kept) {
             column /= size[*k].sqrt();
@@ -199,7 +203,7 @@ fn varying(
     let grows = ways.iter().enumerate().map(|(k, (axis, ..))| {
         let first = |d: &Vec<usize>| d.iter().sum::<usize>() == 1 && d[k] == 1;
         let (mean, std) = powers.iter().position(first).map_or((0.0, 0.0), |at| single[at]);
-        (*axis, (mean.abs() - SURE * std).max(0.0))
+        (*axis, (mean.abs() - GROWS * std).max(0.0))
     });
     (beside.map(square).sum::<f64>().sqrt(), grows.collect())
 }
@@ -271,7 +275,7 @@ impl Left {
             let others = (0..terms.len()).filter(|j| !mine.contains(j));
             let rest = self.seen[k] - others.map(|j| self.gram[(k, j)] * terms[j]).sum::<f64>();
             let size = self.gram[(k, k)];
-            if size > TOLD { (rest / size, (self.noise / size).sqrt()) } else { (0.0, 0.0) }
+            if size > TELLS { (rest / size, (self.noise / size).sqrt()) } else { (0.0, 0.0) }
         };
         (0..terms.len()).map(of).collect()
     }
