@@ -3,6 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use crate::numerals::plain;
+use crate::units::Units;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Chain, ErrorSymbol, Pose};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
@@ -46,24 +47,19 @@ pub(crate) fn position_out(axis: AxisName, v: f64) -> f64 {
 }
 
 /// Unit of an error on the outside.
-pub(crate) const fn error_unit(symbol: ErrorSymbol) -> &'static str {
-    if symbol.is_angle() { "arcsec" } else { "um" }
+pub(crate) fn error_unit(symbol: ErrorSymbol) -> &'static str {
+    Units::of(symbol).value
 }
 
 /// An error in its outside unit, as it is.
 pub(crate) fn error_out(symbol: ErrorSymbol, v: f64) -> f64 {
-    if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) }
+    (Units::of(symbol).of_value)(v)
 }
 
 /// Without the noise of the conversion.
 pub(crate) fn rounded(v: f64) -> f64 {
     // adding zero turns -0 into 0
     (v * 1e6).round() / 1e6 + 0.0
-}
-
-/// A symbol as keys and files write it.
-pub(crate) fn lower(symbol: ErrorSymbol) -> String {
-    symbol.to_string().to_lowercase()
 }
 
 /// A range of an axis in words: `0 to 500 mm`.

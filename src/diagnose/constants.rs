@@ -42,7 +42,7 @@ pub(crate) const REPEATS: usize = 3;
 pub(crate) const ROUNDS: usize = 3;
 /// Candidates that are refined, those that come nearest.
 pub(crate) const TRIED: usize = 3;
-/// Effects of one session, candidates looked at in turn, steps of an ascent: bounds the work.
+/// Effects of one session, candidates and partners looked at in turn, steps of an ascent, bins of a factor: bounds the work.
 pub(crate) const MOST: usize = 12;
 /// Blocks of runs over which the agreement of an effect is judged. Twelve: a capture of a real drive, one program, loses its inertial
 /// effects.
@@ -89,7 +89,8 @@ pub(crate) const DEVIATIONS: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.7, 1.0, 1.4];
 /// Evidence is divided by one plus this share of the gain: no model is exact. The second where the variation over the volume
 /// stands among the noise. Halved: rivals with nearly the same column are excluded; doubled: more set answers.
 pub(crate) const INEXACT: [f64; 2] = [0.008, 0.001];
-/// The same for a table of positions and a worn place of one axis, whose form nobody knows so well.
+/// Share of its gain that a swapped curve must keep where one is a table of positions and the other a worn place of the same axis,
+/// whose form nobody knows so well.
 pub(crate) const CURVE_SAME: f64 = 0.85;
 /// Least share of a column that offsets, rotation and drift of the mounting must leave.
 pub(crate) const SEEN: f64 = 1e-4;

@@ -4,7 +4,7 @@
 //! Shares by axis, instrument and setup add up to 1; those by position, direction, speed and the like overlap, because
 //! factors move together. Source: `docs/explanation/diagnosis.md` (where).
 
-use super::constants::{FEW, LISTED, SIGNIFICANT, TOLD};
+use super::constants::{LISTED, MOST, SIGNIFICANT, TOLD};
 use super::library::STILL;
 use super::moment::{Axis, Moment};
 use super::report::Place;
@@ -68,10 +68,10 @@ fn bins(values: &[f64], rows: &[usize]) -> Option<(Vec<usize>, usize, Vec<f64>)>
     sorted.sort_by(f64::total_cmp);
     let mut different = sorted.clone();
     different.dedup_by(|b, a| (*b - *a).abs() <= 1e-9 * (1.0 + a.abs()));
-    let edges: Vec<f64> = if different.len() <= FEW {
+    let edges: Vec<f64> = if different.len() <= MOST {
         different[1..].iter().zip(&different).map(|(b, a)| 0.5 * (a + b)).collect()
     } else {
-        let mut e: Vec<f64> = (1..FEW).map(|k| sorted[k * sorted.len() / FEW]).collect();
+        let mut e: Vec<f64> = (1..MOST).map(|k| sorted[k * sorted.len() / MOST]).collect();
         e.dedup();
         e
     };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::constants::{FEW, SIGNIFICANT};
+use super::constants::{FEW, MOST, SIGNIFICANT};
 use super::search::Problem;
 use super::session::Session;
 
@@ -77,7 +77,7 @@ pub(super) fn repeated(session: &Session, problem: &Problem, e: &[f64], take: &m
     }
     for rows in groups.values() {
         for (a, k) in rows.iter().enumerate() {
-            for j in rows[a + 1..].iter().take(FEW) {
+            for j in rows[a + 1..].iter().take(MOST) {
                 let (first, second) = (problem.rows[*k], problem.rows[*j]);
                 if session.readings[first].repeat != session.readings[second].repeat {
                     take(*k, e[*k].clamp(-SIGNIFICANT, SIGNIFICANT) * e[*j].clamp(-SIGNIFICANT, SIGNIFICANT));

@@ -6,9 +6,10 @@ use crate::identity;
 use crate::model::gauge;
 use crate::model::report::{axis_words, errors};
 use crate::quantities::{
-    error_out, error_unit, lower, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
+    error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };
 use crate::report::Table;
+use crate::units::key;
 use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_estimate::Thermal;
@@ -71,7 +72,7 @@ pub(super) fn model_as_json(file: &ModelFile) -> Value {
     let errors = model.errors.iter().map(|(symbol, function)| {
         let size = Size::of(*symbol, function, model);
         json!({
-            "symbol": lower(*symbol),
+            "symbol": key(*symbol),
             "kinds": kinds_of(function),
             format!("range_{}", position_unit(symbol.axis())): size.range,
             format!("lowest_{}", size.unit): size.low,

@@ -5,10 +5,11 @@ use serde_json::{Map, Value, json};
 use super::Diff;
 use crate::numerals::signed;
 use crate::quantities::{
-    error_out, error_unit, list, lower, offset_out, offset_unit, point, pose_json, pose_words, position_out,
+    error_out, error_unit, list, offset_out, offset_unit, point, pose_json, pose_words, position_out,
     position_unit, range_words, rounded, vector,
 };
 use crate::report::Table;
+use crate::units::key;
 use volcomp_config::Provenance;
 use volcomp_model::ErrorSymbol;
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
@@ -239,7 +240,7 @@ fn error_json(e: &ErrorDifference) -> Value {
     let (axis, unit, place) = (e.symbol.axis(), error_unit(e.symbol), position_unit(e.symbol.axis()));
     let out = |v: f64| rounded(error_out(e.symbol, v));
     json!({
-        "symbol": lower(e.symbol),
+        "symbol": key(e.symbol),
         "what": what(e),
         format!("largest_{unit}"): out(e.largest),
         format!("rms_{unit}"): out(e.rms),

@@ -13,9 +13,10 @@ use crate::check::Size;
 use crate::input::{self, InputKind};
 use crate::numerals::{counted, micro, plain};
 use crate::quantities::{
-    error_out, lower, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
+    error_out, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };
 use crate::report::{Page, Table};
+use crate::units::key;
 use volcomp_config::{MachineConfig, ModelFile, Provenance};
 use volcomp_model::curve::Interpolation;
 use volcomp_model::extremes::search;
@@ -357,12 +358,12 @@ impl Documented<'_> {
     }
 
     fn json(&self) -> Value {
-        let symbols = |list: Vec<ErrorSymbol>| list.into_iter().map(lower).collect::<Vec<_>>();
+        let symbols = |list: Vec<ErrorSymbol>| list.into_iter().map(key).collect::<Vec<_>>();
         let covered = self.covered();
         let left = self.spec().chain.error_symbols().into_iter().filter(|s| !covered.contains(s)).collect();
         let functions = self.spec().errors.iter();
         let functions =
-            functions.map(|(s, f)| json!({ "symbol": lower(*s), "representation": representation(*s, f) }));
+            functions.map(|(s, f)| json!({ "symbol": key(*s), "representation": representation(*s, f) }));
         json!({
             "machine": self.spec().machine,
             "model_hash": self.hash,

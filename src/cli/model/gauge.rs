@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use crate::quantities::{error_out, error_unit, list, lower, position_out, position_unit, rounded};
+use crate::quantities::{error_out, error_unit, list, position_out, position_unit, rounded};
+use crate::units::key;
 use volcomp_model::gauge::{Effect, Gauged, Moved, Part, RigidShare, Untouched, normalise};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ModelSpec;
@@ -44,7 +45,7 @@ pub(crate) fn as_json(model: &ModelSpec) -> Value {
     let changes = gauged.total.errors.iter().map(|(symbol, amount)| {
         let (before, unit) = (constant(model, *symbol), error_unit(*symbol));
         let [before, after] = [before, before + amount].map(|v| rounded(error_out(*symbol, v)));
-        json!({"symbol": lower(*symbol), format!("before_{unit}"): before, format!("after_{unit}"): after})
+        json!({"symbol": key(*symbol), format!("before_{unit}"): before, format!("after_{unit}"): after})
     });
     json!({
         "normal": gauged.moved.iter().all(is_negligible),
@@ -76,7 +77,7 @@ fn moved_line(moved: &Moved) -> String {
     };
     let to = effect_parts(&moved.effect);
     let to = if to.is_empty() { "nothing depends on it".to_owned() } else { to.join(", ") };
-    format!("{} {part}, {} {unit} -> {to}", lower(moved.symbol), short(amount))
+    format!("{} {part}, {} {unit} -> {to}", key(moved.symbol), short(amount))
 }
 
 fn moved_json(moved: &Moved) -> Value {
@@ -84,13 +85,13 @@ fn moved_json(moved: &Moved) -> Value {
     let (amount, unit) = amount_of(moved);
     let errors = moved.effect.errors.iter().map(|(symbol, amount)| {
         let (amount, unit) = in_unit(*symbol, *amount);
-        json!({"symbol": lower(*symbol), format!("amount_{unit}"): amount})
+        json!({"symbol": key(*symbol), format!("amount_{unit}"): amount})
     });
     let slopes = moved.effect.slopes.iter().map(
-        |(symbol, slope)| json!({"symbol": lower(*symbol), "part": "slope", "amount_arcsec": angle(*slope)}),
+        |(symbol, slope)| json!({"symbol": key(*symbol), "part": "slope", "amount_arcsec": angle(*slope)}),
     );
     let mut out = json!({
-        "symbol": lower(moved.symbol),
+        "symbol": key(moved.symbol),
         format!("amount_{unit}"): amount,
         "to": errors.chain(slopes).collect::<Value>(),
         "rigid": rigid_json(&moved.effect.rigid),
@@ -115,10 +116,10 @@ fn total_lines(model: &ModelSpec, gauged: &Gauged) -> Vec<String> {
         let before = constant(model, *symbol);
         let (from, unit) = in_unit(*symbol, before);
         let (to, _) = in_unit(*symbol, before + amount);
-        out.push(format!("{} {} {unit} becomes {} {unit}", lower(*symbol), short(from), short(to)));
+        out.push(format!("{} {} {unit} becomes {} {unit}", key(*symbol), short(from), short(to)));
     }
     for (symbol, slope) in &gauged.total.slopes {
-        out.push(format!("{} gets the slope {} arcsec", lower(*symbol), short(angle(*slope))));
+        out.push(format!("{} gets the slope {} arcsec", key(*symbol), short(angle(*slope))));
     }
     let rigid = rigid_parts(&gauged.total.rigid);
     out.push(if rigid.is_empty() {
@@ -133,12 +134,12 @@ fn effect_parts(effect: &Effect) -> Vec<String> {
     let large = |(symbol, amount): &&(ErrorSymbol, f64)| in_unit(*symbol, *amount).0.abs() >= NEGLIGIBLE;
     let errors = effect.errors.iter().filter(large).map(|(symbol, amount)| {
         let (amount, unit) = in_unit(*symbol, *amount);
-        format!("{} {amount:+.3} {unit}", lower(*symbol))
+        format!("{} {amount:+.3} {unit}", key(*symbol))
     });
     let slopes = effect
         .slopes
         .iter()
-        .map(|(symbol, slope)| format!("{} slope {:+.3} arcsec", lower(*symbol), angle(*slope)));
+        .map(|(symbol, slope)| format!("{} slope {:+.3} arcsec", key(*symbol), angle(*slope)));
     errors.chain(slopes).chain(rigid_parts(&effect.rigid)).collect()
 }
 
@@ -171,7 +172,7 @@ fn untouched_line(untouched: &Untouched) -> String {
             format!("{axis} stands behind a rotary axis; its constants are its place on that axis")
         }
         Untouched::AlongItself { symbol } => {
-            format!("the constant of {}, a shift of axis {} along itself", lower(*symbol), symbol.axis())
+            format!("the constant of {}, a shift of axis {} along itself", key(*symbol), symbol.axis())
         }
         Untouched::Parallelism { axis } => {
             format!("slopes of {axis}, which are its parallelism; they have no squareness")

@@ -6,10 +6,11 @@ use super::{drawing, gauge};
 use crate::check::{Size, kinds_of};
 use crate::numerals::{plain, signed};
 use crate::quantities::{
-    error_out, list, lower, offset_out, offset_unit, point, pose_json, pose_words, position_out,
-    position_unit, range_words, rounded, vector,
+    error_out, list, offset_out, offset_unit, point, pose_json, pose_words, position_out, position_unit,
+    range_words, rounded, vector,
 };
 use crate::report::Table;
+use crate::units::key;
 use volcomp_config::model::FORMAT;
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_model::extremes::{Extreme, Found, kept_in_place};
@@ -179,7 +180,7 @@ impl Report<'_> {
         let unit = size.unit;
         let own = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
         json!({
-            "symbol": lower(symbol),
+            "symbol": key(symbol),
             "kinds": kinds_of(function),
             format!("range_{}", position_unit(symbol.axis())): size.range,
             format!("lowest_{unit}"): size.low,
@@ -236,7 +237,7 @@ fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) ->
     let own = file.of_errors.iter().find(|(s, _)| *s == symbol);
     let [low, high, range] = [size.low, size.high, size.high - size.low].map(|v| plain(v, 2));
     [
-        lower(symbol),
+        key(symbol),
         kinds_words(function),
         size.range.map_or(String::new(), |[low, high]| format!("{low} to {high} {unit}")),
         low,

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use super::super::Analysis;
-use super::super::constants::{HALF, LITTLE, MANY, NINETY};
+use super::super::constants::{HALF, LITTLE, NINETY};
 use super::super::decision::Assessed;
 use super::super::moment::{Axis, Moment};
 use super::super::noise::Random;
@@ -18,6 +18,8 @@ use super::{Curve, Fitted, FittedLine};
 
 /// Points of a picture at most.
 const POINTS: usize = 600;
+/// Values of the abscissa that are drawn as they are; more are averaged in so many groups of equal size.
+const GROUPS: usize = 48;
 /// Least component of the direction of measurement along the direction drawn.
 const ALONG: f64 = 0.7;
 /// Scatter of the fitted values about their line, as a share of the effect, that is worth a note.
@@ -208,10 +210,10 @@ fn groups(shown: &[Shown], mut members: Vec<usize>) -> Vec<Vec<usize>> {
             _ => equal.push(vec![*k]),
         }
     }
-    if equal.len() <= MANY {
+    if equal.len() <= GROUPS {
         return equal;
     }
-    members.chunks(members.len().div_ceil(MANY)).map(<[usize]>::to_vec).collect()
+    members.chunks(members.len().div_ceil(GROUPS)).map(<[usize]>::to_vec).collect()
 }
 
 fn mean<'a>(rows: impl Iterator<Item = &'a Vec<f64>>, width: usize) -> Vec<f64> {

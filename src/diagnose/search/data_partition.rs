@@ -1,8 +1,8 @@
 //! Pieces of a session between which effects must not change: programs, places within them, blocks of runs.
 
-use super::super::constants::{FEW, MOVES};
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::super::constants::{FEW, MOVES};
 use super::super::moment::SLOTS;
 use super::super::session::Session;
 

@@ -1,9 +1,9 @@
 //! The pitch of a screw, rack or scale that is in no catalogue: over a long travel the right one is a narrow peak between the
 //! pitches that are tried.
 
-use super::super::constants::{MANY, NEARLY, STRONG};
 use core::f64::consts::{LN_2, TAU};
 
+use super::super::constants::{MANY, NEARLY, STRONG};
 use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::{Filter, median};

@@ -6,7 +6,7 @@
 
 use nalgebra::DMatrix;
 
-use super::super::constants::{LITTLE, MANY, MOST, NEARLY, SURE};
+use super::super::constants::{LITTLE, MOST, NEARLY, SURE};
 use super::super::library::{Library, Shape, forms};
 use super::super::noise::Random;
 use super::problem::{Given, Problem};
@@ -190,7 +190,7 @@ impl Selection {
     pub fn search(&mut self, problem: &mut Problem, library: &Library) {
         // what led back to where the search has been: one effect in the place of two may say less than both
         let (mut in_vain, mut seen): (Vec<usize>, Vec<Vec<usize>>) = (Vec::new(), vec![self.state()]);
-        for _ in 0..MANY {
+        for _ in 0..4 * MOST {
             if self.chosen.len() >= MOST {
                 break;
             }

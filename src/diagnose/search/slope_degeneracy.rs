@@ -2,8 +2,8 @@
 
 use super::super::constants::HALF;
 use super::super::library::{Library, Shape, forms};
-use super::problem::{Given, Problem};
-use super::select::{Found, Selection};
+use super::problem::Problem;
+use super::select::Selection;
 
 impl Selection {
     /// A squareness that is no more than the slope of a straightness: the line from which a straightness is counted is a
@@ -31,28 +31,15 @@ impl Selection {
         let given = Self::given(problem, &others);
         let own = self.found(problem, library, &given, self.chosen[place]).evidence;
         let crosses = |shape: &Shape| shape.over() == Some(axis) && shape.acts_along() != Some(axis);
-        let best = self.best_with_line(problem, library, &given, |label, shape| {
-            crosses(shape) && !self.has(library, label)
-        })?;
+        let variants = library.variants.iter().enumerate();
+        let best = variants
+            .filter(|(_, v)| v.shape.has_slope() && crosses(&v.shape) && !self.has(library, v.label))
+            .map(|(v, _)| self.found(problem, library, &given, v))
+            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))?;
         let (whole, best) = (best.variant, best.evidence);
         let beside: Vec<usize> = others.into_iter().chain([whole]).collect();
         let terms = Self::terms(problem, &beside, whole);
         (best > own && (Self::is_small(&terms) || Self::is_from_its_ends(&terms))).then_some(whole)
-    }
-
-    /// The curve with its slope, of those wanted (label and shape), that says most beside what is given.
-    fn best_with_line(
-        &self,
-        problem: &Problem,
-        library: &Library,
-        given: &Given,
-        wanted: impl Fn(usize, &Shape) -> bool,
-    ) -> Option<Found> {
-        let variants = library.variants.iter().enumerate();
-        variants
-            .filter(|(_, v)| v.shape.has_slope() && wanted(v.label, &v.shape))
-            .map(|(v, _)| self.found(problem, library, given, v))
-            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     /// Takes straightnesses and their slopes apart: what stands beside them may have changed since they were one.
@@ -102,6 +89,7 @@ impl Selection {
                 };
                 let (along, over, share) = match *shape(line) {
                     Shape::Squareness(forms::Squareness { along, over }) => (along, over, HALF),
+                    // beside a larger table a scale is the slope of the same curve
                     Shape::Scale(forms::Scale { axis }) => (axis, axis, 1.0),
                     _ => continue,
                 };

@@ -4,7 +4,8 @@ use serde_json::{Value, json};
 
 use super::input::Loaded;
 use crate::model::gauge;
-use crate::quantities::{error_out, error_unit, lower, position_out, position_unit, rounded};
+use crate::quantities::{error_out, error_unit, position_out, position_unit, rounded};
+use crate::units::key;
 use volcomp_identify::assemble::{Assembled, Check, Dropped, How, Origin};
 use volcomp_model::gauge::Part;
 use volcomp_units::arcsec_from_rad;
@@ -118,14 +119,14 @@ impl Report<'_> {
             How::Preferred => "preferred",
         };
         let from = o.from.iter().map(|(i, share)| json!({"source": self.name(*i), "share": rounded(*share)}));
-        json!({"symbol": lower(o.symbol), "how": how, "from": from.collect::<Value>()})
+        json!({"symbol": key(o.symbol), "how": how, "from": from.collect::<Value>()})
     }
 
     fn check_json(&self, c: &Check) -> Value {
         let unit = error_unit(c.symbol);
         let axis = c.symbol.axis();
         json!({
-            "symbol": lower(c.symbol),
+            "symbol": key(c.symbol),
             "sources": c.sources.map(|i| self.name(i)),
             format!("over_{}", position_unit(axis)): c.over.map(|o| o.map(|q| position_out(axis, q))),
             "places": c.places,
@@ -146,10 +147,10 @@ impl Report<'_> {
         };
         json!({
             "source": self.name(d.source),
-            "symbol": lower(d.symbol),
+            "symbol": key(d.symbol),
             "part": part,
             format!("amount_{unit}"): rounded(amount),
-            "unstated": d.unstated.iter().map(|s| lower(*s)).collect::<Vec<_>>(),
+            "unstated": d.unstated.iter().map(|s| key(*s)).collect::<Vec<_>>(),
         })
     }
 }
