@@ -7,13 +7,12 @@
 
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::os::fd::AsRawFd;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Command, ExitStatus};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::Receiver;
@@ -111,8 +110,7 @@ const CASES: &[(&str, Case)] = &[
 #[test]
 fn a_cycle_makes_no_system_call_but_its_sockets() {
     for case in ["cycle", "busy-polling", "read-write"] {
-        let status = run(case);
-        assert!(status.success(), "{case}: {status}; 31 is SIGSYS: a forbidden system call");
+        succeeds(case);
     }
 }
 
@@ -120,30 +118,34 @@ fn a_cycle_makes_no_system_call_but_its_sockets() {
 #[test]
 fn a_cycle_over_tls_makes_no_system_call_but_its_sockets() {
     for case in ["tls", "tls-busy-polling"] {
-        let status = run(case);
-        assert!(status.success(), "{case}: {status}; 31 is SIGSYS: a forbidden system call");
+        succeeds(case);
     }
 }
 
 #[test]
 fn the_filter_kills_whoever_does_anything_else() {
     for case in ["write-file", "sleep", "lock", "other-socket"] {
-        let status = run(case);
-        assert_eq!(status.signal(), Some(libc::SIGSYS), "{case}: {status}");
+        let (status, said) = run(case);
+        assert_eq!(status.signal(), Some(libc::SIGSYS), "{case}: {status}\n{said}");
     }
 }
 
-/// This test program again, for one test under the filter.
-fn run(case: &str) -> ExitStatus {
+fn succeeds(case: &str) {
+    let (status, said) = run(case);
+    assert!(status.success(), "{case}: {status}; 31 is SIGSYS: a forbidden system call\n{said}");
+}
+
+/// This test program again, for one test under the filter: how it ends and what it says.
+fn run(case: &str) -> (ExitStatus, String) {
     let (_, module) = module_path!().split_once("::").expect("a module of the crate");
     let output = Command::new(std::env::current_exe().expect("own file"))
         .args(["--exact", &format!("{module}::under_the_filter"), "--ignored", "--test-threads=1"])
         .env(CASE, case)
         .output()
         .expect("starts");
-    let said = String::from_utf8_lossy(&output.stdout);
+    let said = [output.stdout, output.stderr].map(|s| String::from_utf8_lossy(&s).into_owned()).join("\n");
     assert!(said.contains("running 1 test"), "{case}: {said}");
-    output.status
+    (output.status, said)
 }
 
 /// One case in a process of its own, started by [`run`].
@@ -162,8 +164,8 @@ fn under_the_filter() {
     });
     let (cycle_channels, service) = channels();
     let (tap, entries) = tap(ENTRIES);
-    let done = Arc::new(AtomicBool::new(false));
-    let sign = Arc::clone(&done);
+    let ended = Arc::new(OnceLock::new());
+    let sign = Arc::clone(&ended);
     let scratch = tempfile::tempfile().expect("file");
     let held = Arc::new(Mutex::new(()));
     let contended = Arc::clone(&held);
@@ -193,18 +195,19 @@ fn under_the_filter() {
             Case::Lock => drop(contended.lock()),
             Case::OtherSocket => drop(rustix::net::send(&scratch, b"x", rustix::net::SendFlags::empty())),
         }
-        let orderly = match case {
-            Case::ReadWrite => LinkEnd::Closed,
-            _ => LinkEnd::ClosedByControl(CloseReason::Shutdown),
-        } == end;
-        sign.store(orderly, Ordering::Release);
+        sign.set(end).expect("ends once");
         // ending a thread takes system calls; the process ends it
         loop {
             core::hint::spin_loop();
         }
     });
-    let (records, recorded) = drain_until(&service, &entries, &done);
-    let seen = control.join().expect("the control ends");
+    let (records, recorded, end) = drain_until(&service, &entries, &ended);
+    let orderly = match case {
+        Case::ReadWrite => LinkEnd::Closed,
+        _ => LinkEnd::ClosedByControl(CloseReason::Shutdown),
+    };
+    assert_eq!(end, orderly);
+    let (seen, _open) = control.join().expect("the control ends");
     // offsets of the silences are no answers, but a control of calls counts them as cycles
     let unanswered = if case == Case::ReadWrite { 400 } else { 100 };
     assert!(records > u64::from(CYCLES) - unanswered, "{records} records");
@@ -215,16 +218,20 @@ fn under_the_filter() {
 }
 
 /// What the service and the recorder do, until the cycle has ended; counts the records and the entries.
-fn drain_until(service: &ServiceChannels, entries: &Receiver<Entry>, done: &AtomicBool) -> (u64, u64) {
+fn drain_until(
+    service: &ServiceChannels,
+    entries: &Receiver<Entry>,
+    end: &OnceLock<LinkEnd>,
+) -> (u64, u64, LinkEnd) {
     let deadline = Instant::now() + PATIENCE;
     let (mut records, mut recorded) = (0, 0);
     loop {
-        let ended = done.load(Ordering::Acquire);
+        let ended = end.get().copied();
         records += service.records.try_iter().count() as u64;
         recorded += entries.try_iter().count() as u64;
         let _ = service.reports.try_iter().count();
-        if ended {
-            return (records, recorded);
+        if let Some(end) = ended {
+            return (records, recorded, end);
         }
         assert!(Instant::now() < deadline, "the cycle does not end");
         std::thread::sleep(Duration::from_millis(2));
@@ -350,7 +357,9 @@ struct Seen {
 }
 
 /// A control in lock step, with an emergency stop, tool changes, silences and bursts now and then.
-fn control(listener: &TcpListener, server: Option<Server>) -> Seen {
+///
+/// The socket is returned open: closing it before everything has been read resets the connection.
+fn control(listener: &TcpListener, server: Option<Server>) -> (Seen, TcpStream) {
     let (stream, _) = listener.accept().expect("the daemon connects");
     let mut peer = Peer {
         wire: Wire::new(stream, server),
@@ -375,7 +384,8 @@ fn control(listener: &TcpListener, server: Option<Server>) -> Seen {
         peer.answer(sequence);
     }
     peer.send(&[Message::Close(Close { reason: CloseReason::Shutdown })]);
-    peer.seen
+    let open = peer.wire.stream().try_clone().expect("a second handle");
+    (peer.seen, open)
 }
 
 struct Peer {
@@ -459,7 +469,9 @@ impl Peer {
 }
 
 /// A control that is read and written by calls, with an emergency stop, tool changes and silences now and then.
-fn called_control(listener: &TcpListener) -> Seen {
+///
+/// The socket is returned open in one direction, as by [`control`].
+fn called_control(listener: &TcpListener) -> (Seen, TcpStream) {
     let (stream, _) = listener.accept().expect("the daemon connects");
     stream.set_nodelay(true).expect("option");
     let mut caller = Caller { stream, lines: LineReader::default(), held: false };
@@ -502,7 +514,8 @@ fn called_control(listener: &TcpListener) -> Seen {
             }
         }
     }
-    peer.seen
+    caller.stream.shutdown(Shutdown::Write).expect("half closed");
+    (peer.seen, caller.stream)
 }
 
 #[derive(Default)]
