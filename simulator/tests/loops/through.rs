@@ -101,7 +101,6 @@ fn a_machine_file_is_enough_to_measure_before_and_after() {
 
 #[test]
 fn a_daemon_that_does_not_compensate_is_told() {
-    let _alone = crate::processors();
     let folder = tempfile::tempdir().unwrap();
     files(folder.path(), &port(), "on-request");
     let args = ["measure", "positioning", "--out", ".", "--through", "machine.toml"];
