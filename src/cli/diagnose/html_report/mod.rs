@@ -240,8 +240,8 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
 
 /// The largest fitted curves and measured against predicted; gives the figures for which the first sheet has no room.
 fn fitted(page: &mut Page, found: &Diagnosis) -> Vec<Figure> {
-    let declared = found.report.causes.iter().filter(|c| c.declared);
-    let mut figures: Vec<Figure> = declared.flat_map(|c| curves(found, c)).collect();
+    let declared = Shares::of(&found.budget).sorted(found.report.causes.iter().filter(|c| c.declared));
+    let mut figures: Vec<Figure> = declared.into_iter().flat_map(|c| curves(found, c)).collect();
     let has_steps = !found.budget.steps.is_empty();
     let agreement = has_steps.then(|| charts::measured_and_predicted(found)).flatten();
     let more = figures.split_off(figures.len().min(FIRST_FIGURES - usize::from(agreement.is_some())));
