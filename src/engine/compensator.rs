@@ -61,6 +61,8 @@ pub struct Compensator {
     follows: u32,
     /// The newest finite offset that the control has reported on this link, mm and rad.
     reported: Option<AxisArray>,
+    /// Least and largest offset sent on this link, zero included, mm and rad: what the control may hold when the next one begins.
+    reach: Option<[[f64; 2]; MAX_AXES]>,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
     frozen: bool,
     /// Drives off or emergency stop: the control cannot move any offset.
@@ -140,6 +142,7 @@ impl Compensator {
             unobserved: false,
             follows: 0,
             reported: None,
+            reach: None,
             frozen: false,
             immobile: false,
             held_s: 0.0,
@@ -587,6 +590,7 @@ impl Compensator {
         let offset = self.offset();
         if dt > 0.0 {
             self.read_back.sent(&offset);
+            self.note_reach();
         }
         self.detail = None;
         self.note_stop();
