@@ -199,7 +199,7 @@ fn look_at_model(
         wrong @ Problem::Config(_) => wrong,
     })?;
     let mut model = config::model::parse_file(&named.display().to_string(), &model_text)?;
-    let fates = with_additions(path, machine, &mut model).map_err(|e| {
+    let fates = with_additions(path, machine, (&mut model, &model_text)).map_err(|e| {
         let code = if e.is_io() { EX_IOERR } else { EX_CONFIG };
         Problem::from(Failure::new(code, e))
     })?;
