@@ -36,7 +36,7 @@ pub(super) struct Args {
     /// Where to write the model; - is stdout
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
-    /// Take an addition that was found with another model, or of which the model holds a part already
+    /// Add effects that were found with another model; terms that the model has already stay single
     #[arg(long)]
     force: bool,
     /// Print one JSON object instead of text
@@ -59,7 +59,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
         let twice = |e: Twice| {
             let model = args.model.display();
-            mistake!(path, "{e}; diagnose again with --model {model}, or state --force where both shall act")
+            let force = match e {
+                Twice::OtherBase { .. } => "to add it all the same",
+                Twice::Held { .. } => "to add its other effects",
+            };
+            mistake!(path, "{e}; diagnose again with --model {model}, or state --force {force}")
         };
         if !args.force {
             addition.is_beside(&hash).map_err(twice)?;
