@@ -34,7 +34,9 @@ pub fn with_additions(
         addition.is_of(&model.spec.machine).map_err(|e| wrong(e.to_string()))?;
         let twice = |e: Twice| {
             let model = config.model.display();
-            wrong(format!("{e}; diagnose again with --model {model}, or take the addition out of `additions`"))
+            wrong(format!(
+                "{e}; diagnose again with --model {model}, or take the addition out of `additions`"
+            ))
         };
         addition.is_beside(&hash).map_err(twice)?;
         let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| wrong(e.to_string()))?;

@@ -22,12 +22,17 @@ pub(super) fn is_held(candidate: &Candidate, spec: &ModelSpec, thermal: &[Therma
     };
     let growth = |new: &Thermal| {
         let same = |old: &Thermal| {
-            new.inputs.len() == old.inputs.len() && new.inputs.iter().zip(&old.inputs).all(|(n, o)| input(n, o))
+            new.inputs.len() == old.inputs.len()
+                && new.inputs.iter().zip(&old.inputs).all(|(n, o)| input(n, o))
         };
         thermal.iter().any(|old| new.expansion == old.expansion && same(old))
     };
     let tool = candidate.tool.is_some_and(|new| {
-        let pairs = [[new.length, spec.tool.length], [new.tilt[0], spec.tool.tilt[0]], [new.tilt[1], spec.tool.tilt[1]]];
+        let pairs = [
+            [new.length, spec.tool.length],
+            [new.tilt[0], spec.tool.tilt[0]],
+            [new.tilt[1], spec.tool.tilt[1]],
+        ];
         pairs.iter().all(|[n, o]| *n == 0.0 || same(*n, *o)) && pairs.iter().any(|[n, _]| *n != 0.0)
     });
     tool || candidate.parts.iter().any(part) || candidate.thermal.iter().any(growth)
@@ -58,7 +63,8 @@ fn curve(new: &Curve, old: &Curve) -> bool {
         return false;
     }
     let at = |k: u32| low + (high - low) * f64::from(k) / f64::from(PLACES);
-    let both = |k: u32| [Travel::Forward, Travel::Reverse].map(|t| [new.value(at(k), t), old.value(at(k), t)]);
+    let both =
+        |k: u32| [Travel::Forward, Travel::Reverse].map(|t| [new.value(at(k), t), old.value(at(k), t)]);
     let values: Vec<[f64; 2]> = (0..=PLACES).flat_map(both).collect();
     let most = values.iter().fold(0.0f64, |m, [n, _]| m.max(n.abs()));
     most > 0.0 && values.iter().all(|[n, o]| (n - o).abs() <= SAME * most)
