@@ -71,6 +71,8 @@ pub struct Compensator {
     held_s: f64,
     /// The offset is on its way to zero because positions were lost.
     lost: bool,
+    /// Compensation was enabled since the last change of plan.
+    commanded: bool,
     /// When the last frame came.
     heard: Option<MonoTime>,
     /// The numbers behind what this cycle has found.
@@ -147,6 +149,7 @@ impl Compensator {
             immobile: false,
             held_s: 0.0,
             lost: false,
+            commanded: false,
             heard: None,
             detail: None,
             last_sequence: 0,
@@ -412,7 +415,8 @@ impl Compensator {
             }
             State::Holding => {}
             State::RampingOut if wanted && self.input.is_settled() => {
-                self.plan(State::RampingIn, Reason::Command);
+                let reason = if self.commanded { Reason::Command } else { Reason::DataGood };
+                self.plan(State::RampingIn, reason);
             }
             State::RampingOut => self.rest_where_done(),
         }
@@ -504,6 +508,7 @@ impl Compensator {
         self.ramp = Ramp::start(self.config.ramp_s);
         self.held_s = 0.0;
         self.lost = false;
+        self.commanded = false;
         self.enter(state, reason);
     }
 

@@ -152,7 +152,7 @@ pub const RULES: &[Rule] = &[
     Rule {
         from: &[RampingOut],
         to: RampingIn,
-        causes: &[By(Reason::Command)],
+        causes: &[By(Reason::Command), By(Reason::DataGood)],
         reaction: "turned round: blended from the present offset to the correction over ramp-s",
     },
     Rule { from: &[RampingOut], to: Off, causes: &[By(Reason::RampDone)], reaction: "zero" },

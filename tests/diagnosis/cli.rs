@@ -433,8 +433,14 @@ fn addition(machine: &str, name: &str, shape: volcomp::diagnose::library::Shape)
     };
     let effects = vec![entry];
     let sense = "actual minus nominal".to_owned();
-    toml::to_string(&Addition { format: FORMAT.to_owned(), machine: machine.to_owned(), sense, effects })
-        .unwrap()
+    toml::to_string(&Addition {
+        format: FORMAT.to_owned(),
+        machine: machine.to_owned(),
+        sense,
+        base: None,
+        effects,
+    })
+    .unwrap()
 }
 
 #[test]

@@ -20,12 +20,12 @@ use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{read_addition, same_machine};
 use super::arg_parsers::axis_letter;
-use super::files::{read_model, write_text};
+use super::files::{read_hashed_model, write_text};
 use super::{EX_DATAERR, Failure, exit};
 use volcomp_diagnose::library::{Label, Without};
 use volcomp_diagnose::session::{Note, Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
-use volcomp_effects::addition::Addition;
+use volcomp_effects::addition::{Addition, Base};
 use volcomp_effects::machine_state::{Machine, MachineAxis};
 use volcomp_effects::prediction::machine_of;
 use volcomp_model::Model;
@@ -133,12 +133,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(name) = &args.list_effects {
         return text_report::list_effects(name);
     }
-    let model = args.model.as_deref().map(read_model).transpose()?;
+    let model = args.model.as_deref().map(read_hashed_model).transpose()?;
     let additions = args.add.iter().map(|p| read_addition(p)).collect::<Result<Vec<_>, _>>()?;
-    let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model)| machine_of(spec, model));
+    let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model, _)| machine_of(spec, model));
     let mut bar = Bar::new();
     bar.report(0.0, "reading");
-    let (spec, model) = model.unzip();
+    let base = args.model.as_ref().zip(model.as_ref());
+    let base = base.map(|(path, (.., hash))| Base { file: path.display().to_string(), hash: hash.clone() });
+    let (spec, model) = model.map(|(spec, model, _)| (spec, model)).unzip();
     for (path, addition) in args.add.iter().zip(&additions) {
         if let Some(model) = &model {
             same_machine(path, addition, model)?;
@@ -170,7 +172,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ablation: args.ablate.unwrap_or_default(),
         dialect: args.dialect,
     };
-    let found = diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.report(share, what));
+    let mut found =
+        diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.report(share, what));
+    found.addition.base = base;
     bar.end();
     let json = serde_json::to_string_pretty(&found.report)
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: report.json: {e}")))?;

@@ -201,6 +201,7 @@ fn every_effect_of_the_machine_is_put_into_a_model_or_says_why_not() {
                     format: FORMAT.to_owned(),
                     machine: "all".to_owned(),
                     sense: String::new(),
+                    base: None,
                     effects: vec![entry(e, &subject.name, shape.clone())],
                 };
                 addition.check().unwrap();

@@ -34,6 +34,7 @@ impl Compensator {
         match command {
             Command::Enable => {
                 if !self.stopping && self.state != State::Faulted {
+                    self.commanded |= !self.enabled;
                     self.enabled = true;
                     if self.state == State::Off {
                         self.state = State::Armed;
