@@ -46,8 +46,6 @@ impl Quantity {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
     use super::super::file::TwinTruth;
     use super::*;
 
