@@ -190,7 +190,7 @@ pub const RULES: &[Rule] = &[
         from: &[Faulted],
         to: Off,
         causes: &[Cause::Command],
-        reaction: "none; a fault is cleared only where the control holds no offset",
+        reaction: "none; a fault is cleared only with the link up, where the control reports no offset",
     },
     Rule {
         from: &[RampingIn, Active, FadingToStatic, Holding, RampingOut],
