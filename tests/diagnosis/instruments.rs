@@ -60,6 +60,44 @@ fn without_a_folder_the_answer_is_printed_and_nothing_is_written() {
     assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
 }
 
+/// What is printed without `--json`.
+fn printed(path: &Path, extra: &[&str]) -> String {
+    let done =
+        Command::new(env!("CARGO_BIN_EXE_volcomp")).arg("diagnose").arg(path).args(extra).output().unwrap();
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    text(&done.stdout)
+}
+
+/// The number behind words.
+fn number_after(text: &str, words: &str) -> f64 {
+    let rest = text.split_once(words).unwrap_or_else(|| panic!("{words}: {text}")).1;
+    rest.split_whitespace().next().unwrap().replace('\u{2212}', "-").parse().unwrap()
+}
+
+#[test]
+fn the_remainder_is_no_larger_than_what_is_left_and_what_is_negligible_stands_last() {
+    let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    for cycle in 1..6_u32 {
+        for reading in 0..42_u32 {
+            let (k, sign) = if reading < 21 { (reading, 1.0) } else { (41 - reading, -1.0) };
+            let x = 8.5 + 41.65 * f64::from(k);
+            let noise = 0.35 * (f64::from((reading * 7919 + cycle * 104_729) % 1009) / 1009.0 - 0.5);
+            let deviation = -0.018 * x + 9.0 * (x / 130.0).sin() - 0.135 * sign + noise;
+            writeln!(table, "{cycle},{sign},{x:.2},{deviation:.3}").unwrap();
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.csv");
+    std::fs::write(&path, table).unwrap();
+    let said = printed(&path, &["--axis", "x"]);
+    let left = number_after(&said, "expected to leave ");
+    assert!(number_after(&said, "of which ") <= left, "{said}");
+    assert!(number_after(&said, "\nunexplained: ") <= left, "{said}");
+    let backlash = said.lines().find(|l| l.contains("(backlash:x)") && l.contains('±')).unwrap();
+    assert!(backlash.ends_with("significant, but negligible in this gap"), "{backlash}");
+    assert!(said.find("(scale:x)").unwrap() < said.find("(backlash:x)").unwrap(), "{said}");
+}
+
 fn refused(path: &Path, code: i32) -> String {
     let directory = tempfile::tempdir().unwrap();
     let done = run(directory.path(), path, &[]);
@@ -199,6 +237,9 @@ fn plates_from_a_cmm_and_as_a_table() {
         assert!(notes(r).contains(ORDINAL), "{}", notes(r));
         let angle = parameter(r, "squareness", "xy", "angle_arcsec");
         assert!((angle + 20.6).abs() < 4.0, "{name}: {angle}");
+        // a right angle that is too wide is positive in ISO 230-1
+        let stated = number_after(&printed(&made_up(name), &[]), "EC0Y ");
+        assert!((stated + angle).abs() < 0.1, "{name}: {stated}");
         let scale = parameter(r, "scale", "y", "scale_ppm");
         assert!((scale - 60.0).abs() < 12.0, "{name}: {scale}");
         let all = r["causes"].to_string();
