@@ -270,6 +270,50 @@ fn a_circular_test_with_its_feed() {
     stated(&assumed, &["radius 150 mm (assumed; --radius-mm states it)", "plane xy (assumed"]);
 }
 
+/// A circle at one feed in both directions, with a lost motion of 4 um in X and noise of some 0.2 um.
+fn circle(readings: usize) -> String {
+    let mut table = "angle_deg,deviation_um,direction,feed_mm_per_min\n".to_owned();
+    for direction in [1.0, -1.0] {
+        for k in 0..readings / 2 {
+            let angle = 720.0 * k as f64 / readings as f64 * direction;
+            let (sin, cos) = angle.to_radians().sin_cos();
+            let noise = 0.7 * ((k as f64 * 12.9898 + direction).sin() * 43_758.545_3).fract();
+            let deviation = 2.0 * (-direction * sin).signum() * cos + noise;
+            writeln!(table, "{angle:.6},{deviation:.5},{direction},1000").unwrap();
+        }
+    }
+    table
+}
+
+/// A single feed is compared by evidence, whose matrices grow with the square of the readings that carry it.
+#[test]
+fn a_long_circle_at_one_feed_needs_little_memory_and_time() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut seconds = Vec::new();
+    for readings in [2_000, 20_000] {
+        std::fs::write(directory.path().join("circle.csv"), circle(readings)).unwrap();
+        let started = std::time::Instant::now();
+        let done = Command::new("sh")
+            .args(["-c", "ulimit -v 1000000; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_volcomp")])
+            .args(["diagnose", "--json", "circle.csv", "--radius-mm", "150", "--centre-mm=425,250,-250"])
+            .current_dir(directory.path())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        seconds.push(started.elapsed().as_secs_f64());
+        assert!(done.status.success(), "{readings}: {}", text(&done.stderr));
+        let report: Value = serde_json::from_slice(&done.stdout).unwrap();
+        let width = parameter(&report, "backlash", "x", "width_um");
+        assert!((width - 4.0).abs() < 0.4, "{readings}: {width}");
+        assert!(
+            cause(&report, "backlash", "x")["probability"].as_f64().unwrap() > 0.95,
+            "{readings}: {report}"
+        );
+    }
+    // ten times the readings: at most ten times the time
+    assert!(seconds[1] < 10.0 * seconds[0], "{seconds:?} s");
+}
+
 #[test]
 fn a_capture_as_json_and_as_a_table() {
     let json = diagnose(&made_up("sessions/capture.json"), &[]);
