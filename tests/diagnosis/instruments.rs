@@ -270,6 +270,72 @@ fn a_circular_test_with_its_feed() {
     stated(&assumed, &["radius 150 mm (assumed; --radius-mm states it)", "plane xy (assumed"]);
 }
 
+/// A test of 5 cycles in 21 targets, both directions: scale error of X, and a drift that no cycle repeats.
+#[test]
+fn a_drift_that_is_the_larger_remainder_is_said_in_the_headline() {
+    let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    for row in 0..210_u32 {
+        let (cycle, reading) = (row / 42 + 1, row % 42);
+        let (k, sign) = if reading < 21 { (reading, 1) } else { (41 - reading, -1) };
+        let x = 8.5 + 41.65 * f64::from(k);
+        let noise = 0.35 * (f64::from((reading * 7919 + cycle * 104_729) % 1009) / 1009.0 - 0.5);
+        let t = f64::from(row + 1);
+        let drift = 6.0 * (t / 23.7).sin() + 3.0 * (t / 61.3).sin();
+        writeln!(table, "{cycle},{sign},{x:.2},{:.3}", -0.05 * x + drift + noise).unwrap();
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.csv");
+    std::fs::write(&path, table).unwrap();
+    let said = printed(&path, &["--axis", "x"]);
+    let drift = number_after(&said, "of which ");
+    assert!(said.contains(&format!("of which {drift:.2} µm is slow drift of unknown source.")), "{said}");
+    assert!((drift - number_after(&said, "; slow drift of ")).abs() < 0.02, "{said}");
+}
+
+/// A circle at one feed in both directions, with a lost motion of 4 um in X and noise of some 0.2 um.
+fn circle(readings: usize) -> String {
+    let mut table = "angle_deg,deviation_um,direction,feed_mm_per_min\n".to_owned();
+    for direction in [1.0, -1.0] {
+        for k in 0..readings / 2 {
+            let angle = 720.0 * k as f64 / readings as f64 * direction;
+            let (sin, cos) = angle.to_radians().sin_cos();
+            let noise = 0.7 * ((k as f64 * 12.9898 + direction).sin() * 43_758.545_3).fract();
+            let deviation = 2.0 * (direction * sin).signum() * cos + noise;
+            writeln!(table, "{angle:.6},{deviation:.5},{direction},1000").unwrap();
+        }
+    }
+    table
+}
+
+/// A single feed is compared by evidence, whose matrices grow with the square of the readings that carry it.
+#[test]
+fn a_long_circle_at_one_feed_needs_little_memory_and_time() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut seconds = Vec::new();
+    for readings in [2_000, 20_000] {
+        std::fs::write(directory.path().join("circle.csv"), circle(readings)).unwrap();
+        let started = std::time::Instant::now();
+        let done = Command::new("sh")
+            .args(["-c", "ulimit -v 1000000; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_volcomp")])
+            .args(["diagnose", "--json", "circle.csv", "--radius-mm", "150", "--centre-mm=425,250,-250"])
+            .current_dir(directory.path())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        seconds.push(started.elapsed().as_secs_f64());
+        assert!(done.status.success(), "{readings}: {}", text(&done.stderr));
+        let report: Value = serde_json::from_slice(&done.stdout).unwrap();
+        let width = parameter(&report, "backlash", "x", "width_um");
+        assert!((width - 4.0).abs() < 0.4, "{readings}: {width}");
+        assert!(
+            cause(&report, "backlash", "x")["probability"].as_f64().unwrap() > 0.95,
+            "{readings}: {report}"
+        );
+    }
+    // ten times the readings: at most ten times the time
+    assert!(seconds[1] < 10.0 * seconds[0], "{seconds:?} s");
+}
+
 #[test]
 fn a_capture_as_json_and_as_a_table() {
     let json = diagnose(&made_up("sessions/capture.json"), &[]);

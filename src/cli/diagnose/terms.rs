@@ -254,11 +254,21 @@ pub(super) fn headline(found: &Diagnosis) -> String {
         Verdict::PartlyExplained => {
             let verb = if names.len() == 1 { "explains" } else { "explain" };
             capital(&format!(
-                "{} {verb} part of the gap of {gap} µm RMS; {after}, of which {} µm is unexplained.",
+                "{} {verb} part of the gap of {gap} µm RMS; {after}, of which {}.",
                 listed(&names),
-                um(found.budget.unexplained_um)
+                unexplained(found)
             ))
         }
+    }
+}
+
+/// The larger part of what no cause explains: a drift counts where the comparison of few readings says that it is one.
+fn unexplained(found: &Diagnosis) -> String {
+    let (r, b) = (&found.report, &found.budget);
+    if r.discrepancy_um.is_some() && b.drift_um > b.unexplained_um && r.unexplained.rms_um >= b.drift_um {
+        format!("{} µm is slow drift of unknown source", um(b.drift_um))
+    } else {
+        format!("{} µm is unexplained", um(b.unexplained_um))
     }
 }
 
