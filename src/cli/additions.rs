@@ -41,7 +41,15 @@ pub(super) struct Additions {
 
 /// Reads an addition.
 pub(crate) fn read_addition(path: &Path) -> Result<Addition, Failure> {
-    Addition::parse(&read_text(path, InputKind::Model)?).map_err(|e| mistake!(path, "{e}"))
+    let text = read_text(path, InputKind::Model)?;
+    if text.trim_start().starts_with('{') {
+        let format = volcomp_effects::addition::FORMAT;
+        return Err(mistake!(
+            path,
+            "JSON, not {format} (TOML); a diagnosis writes addition.toml beside its report.json"
+        ));
+    }
+    Addition::parse(&text).map_err(|e| mistake!(path, "{e}"))
 }
 
 impl Additions {

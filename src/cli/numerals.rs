@@ -21,11 +21,11 @@ pub(crate) fn signed(v: f64, decimals: usize) -> String {
     if is_zero || text.starts_with('-') { text } else { format!("+{text}") }
 }
 
-/// Words for a page: `µm` where a terminal and a key say `um`.
+/// Words for a person: `µm` where a key says `um`.
 pub(crate) fn micro(words: &str) -> String {
     let word = |w: &str| {
         let bare = w.trim_end_matches([',', ';', ')', '.', ':']);
-        if bare == "um" { w.replacen("um", "µm", 1) } else { w.to_owned() }
+        if bare == "um" || bare.starts_with("um/") { w.replacen("um", "µm", 1) } else { w.to_owned() }
     };
     words.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
@@ -38,6 +38,7 @@ mod tests {
     fn one_has_no_plural_and_zero_no_sign() {
         assert_eq!([plain(-0.004, 2), plain(-0.0, 0), plain(-1.5, 1)], ["0.00", "0", "-1.5"]);
         assert_eq!([signed(-0.004, 0), signed(0.4, 0), signed(12.0, 0)], ["0", "0", "+12"]);
+        assert_eq!(micro("1000 um/s, 2 um/s^2"), "1000 µm/s, 2 µm/s^2");
         assert_eq!([micro("um"), micro("3 um, at 1  Y"), micro("a sum")], ["µm", "3 µm, at 1  Y", "a sum"]);
         assert_eq!([counted(1, "reading"), counted(0, "reading")], ["1 reading", "0 readings"]);
     }

@@ -326,7 +326,10 @@ mod tests {
             parse_csv(table).unwrap_err().message
         };
         assert!(fails("cycle,direction,target_mm\n").contains("column deviation_um is missing"));
-        assert!(fails("cycle,direction,target_mm,deviation_mm\n").contains("is column deviation_mm meant"));
+        assert!(
+            fails("cycle,direction,target_mm,deviation_mm\n")
+                .contains("deviation_mm is in mm: multiply by 1000 and name it deviation_um")
+        );
         assert!(
             fails("cycle,direction,target_mm,deviation_um,operator\n").contains("operator: unknown column")
         );

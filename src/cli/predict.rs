@@ -13,7 +13,7 @@ use clap::Parser;
 use super::additions::Additions;
 use super::files::{Rows, read_model};
 use super::quantities::{offset_as_is, offset_unit, position_unit};
-use super::table::{self, Table, nearest};
+use super::table::{self, Table, nearest, other_unit};
 use super::{EX_DATAERR, Failure};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, Pose};
@@ -300,6 +300,9 @@ impl Columns {
             } else {
                 format!("axis {axis} is not in the chain of the model; columns are {}", known.join(", "))
             });
+        }
+        if let Some(hint) = known.iter().find_map(|known| other_unit(column, known)) {
+            return Err(format!("unknown column; {hint}"));
         }
         match nearest(column, known.iter().map(String::as_str)) {
             Some(near) => Err(format!("unknown column; is {near} meant?")),

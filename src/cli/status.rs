@@ -245,6 +245,15 @@ fn write_shadow(f: &mut String, status: &Status) -> std::fmt::Result {
     Ok(())
 }
 
+/// A time of the cycle, from us: us, ms from one, s from one.
+fn latency(us: f64) -> String {
+    match us {
+        us if us < 1e3 => format!("{us:.1} us"),
+        us if us < 1e6 => format!("{:.1} ms", us / 1e3),
+        us => format!("{:.1} s", us / 1e6),
+    }
+}
+
 fn write_figures(f: &mut String, status: &Status) -> std::fmt::Result {
     let Status { cycles, late_cycles, skipped_cycles, .. } = status;
     let share = percent(*late_cycles, *cycles);
@@ -257,7 +266,7 @@ fn write_figures(f: &mut String, status: &Status) -> std::fmt::Result {
     ];
     for (name, p50, p99) in rows {
         if let (Some(p50), Some(p99)) = (p50, p99) {
-            writeln!(f, "{name:<10}  p50 {p50:.1} us, p99 {p99:.1} us")?;
+            writeln!(f, "{name:<10}  p50 {}, p99 {}", latency(p50), latency(p99))?;
         }
     }
     Ok(())

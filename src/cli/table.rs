@@ -12,6 +12,7 @@ use super::progress::Progress;
 use super::{EX_DATAERR, Failure};
 use volcomp_formats::text::finite;
 use volcomp_units::axes::Travel;
+use volcomp_units::conversion;
 
 /// Longest line accepted; bounds the memory whatever the input is.
 const LINE_LIMIT: u64 = 1 << 20;
@@ -132,10 +133,11 @@ impl<R: BufRead> Table<R> {
     /// Index of a column that must be there.
     pub(super) fn require(&self, name: &str) -> Result<usize, Failure> {
         self.find(name).ok_or_else(|| {
-            let hint = match nearest(name, self.columns.iter().map(String::as_str)) {
-                Some(near) => format!("is column {near} meant? rename it"),
-                None => format!("found {}", self.columns.join(", ")),
-            };
+            let of_other_unit = || self.columns.iter().find_map(|column| other_unit(column, name));
+            let near = || nearest(name, self.columns.iter().map(String::as_str));
+            let hint = of_other_unit()
+                .or_else(|| near().map(|near| format!("is column {near} meant? rename it")))
+                .unwrap_or_else(|| format!("found {}", self.columns.join(", ")));
             self.bad(format_args!("column {name} is missing; {hint}"))
         })
     }
@@ -198,13 +200,16 @@ impl<R: BufRead> Table<R> {
     /// A direction of travel.
     #[inline]
     pub(super) fn travel(&self, column: usize) -> Result<Travel, Failure> {
-        match self.number(column)? {
-            1.0 => Ok(Travel::Forward),
-            -1.0 => Ok(Travel::Reverse),
-            value => Err(self.fail(
-                column,
-                format_args!("{value} is no direction; write 1 (towards plus) or -1 (towards minus)"),
-            )),
+        match self.number(column) {
+            Ok(1.0) => Ok(Travel::Forward),
+            Ok(-1.0) => Ok(Travel::Reverse),
+            Err(e) if self.field(column).is_empty() => Err(e),
+            found => {
+                let text = found.map_or_else(|_| format!("'{}'", self.word(column)), |v| v.to_string());
+                let text: String = text.chars().take(40).collect();
+                let what = format!("{text} is no direction; write 1 (towards plus) or -1 (towards minus)");
+                Err(self.fail(column, what))
+            }
         }
     }
 
@@ -320,6 +325,27 @@ fn trimmed(text: &[u8], range: Range<usize>) -> Range<usize> {
     range.start + front..range.end - back
 }
 
+/// What to do with a column that is the `wanted` one in another unit, or without one.
+pub(super) fn other_unit(column: &str, wanted: &str) -> Option<String> {
+    let (stem, unit) = wanted.rsplit_once('_')?;
+    conversion(unit, unit)?;
+    let Some(found) = column.strip_prefix(stem)?.strip_prefix('_') else {
+        return (column == stem)
+            .then(|| format!("{column} states no unit: name it {wanted} if it is in {unit}"));
+    };
+    conversion(found, found)?;
+    Some(match conversion(found, unit) {
+        Some(1.0) => return None,
+        Some(factor) => {
+            let (verb, factor) = if factor < 1.0 { ("divide", 1.0 / factor) } else { ("multiply", factor) };
+            let factor = format!("{factor:.6}");
+            let factor = factor.trim_end_matches('0').trim_end_matches('.');
+            format!("{column} is in {found}: {verb} by {factor} and name it {wanted}")
+        }
+        None => format!("{column} is in {found}, {unit} is needed"),
+    })
+}
+
 /// The name that `wanted` may be a slip of: equal but for case and punctuation, or one or two letters off.
 pub(super) fn nearest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let plain = |s: &str| {
@@ -425,6 +451,29 @@ mod tests {
         assert_eq!(nearest("positon_mm", names.into_iter()), Some("position_mm"));
         assert_eq!(nearest("X_mm", names.into_iter()), Some("x_mm"));
         assert_eq!(nearest("operator", names.into_iter()), None);
+    }
+
+    #[test]
+    fn a_column_in_another_unit_is_to_be_converted_not_renamed() {
+        for (column, wanted, words) in [
+            (
+                "deviation_mm",
+                "deviation_um",
+                "deviation_mm is in mm: multiply by 1000 and name it deviation_um",
+            ),
+            ("target_um", "target_mm", "target_um is in um: divide by 1000 and name it target_mm"),
+            ("target_in", "target_mm", "target_in is in in: multiply by 25.4 and name it target_mm"),
+            ("angle_rad", "angle_deg", "angle_rad is in rad: multiply by 57.29578 and name it angle_deg"),
+            ("deviation_um", "deviation_arcsec", "deviation_um is in um, arcsec is needed"),
+            ("deviation", "deviation_um", "deviation states no unit: name it deviation_um if it is in um"),
+        ] {
+            assert_eq!(other_unit(column, wanted).as_deref(), Some(words));
+        }
+        for (column, wanted) in
+            [("exx_um", "eyx_um"), ("cycle", "deviation_um"), ("position_x", "position_mm")]
+        {
+            assert_eq!(other_unit(column, wanted), None);
+        }
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, HeadArgs, Stated};
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
-use crate::evaluate::{CompareOptions, Compared, compare, show};
+use crate::evaluate::{CompareOptions, Compared, compare};
 use crate::files::write_text;
 use crate::numerals::plain;
 use crate::report::Table;
@@ -74,6 +74,8 @@ struct Verified {
     reductions: [Option<Reduction>; 2],
     /// Plots of tests that have none of a standard.
     charts: Vec<Plot>,
+    /// Expanded uncertainty of the instrument, where stated.
+    device: Option<f64>,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -102,7 +104,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     acceptance.fill(test.stated.clone());
     let assess = |[_, a]: &[Assessed; 2]| acceptance.assess(&a.key, a.name, a.value, a.expanded);
     let judged = Judged { figures: test.figures.iter().map(assess).collect(), acceptance };
-    let verified = Verified { test, judged, sizes, reductions, charts };
+    let verified = Verified { test, judged, sizes, reductions, charts, device: args.u_device_um };
     if let Some(path) = &args.report {
         write_text(path, &verified.page(args))?;
         note!("report written: {}", path.display());
@@ -132,8 +134,17 @@ impl Verified {
     fn json(&self) -> Map<String, Value> {
         let key = if self.test.unit == "arcsec" { "arcsec" } else { "um" };
         let figures = self.test.figures.iter();
-        let figures: Map<_, _> =
-            figures.map(|[b, a]| (a.key.clone(), json!({ "before": b.value, "after": a.value }))).collect();
+        let figures: Map<_, _> = figures
+            .zip(self.test.expanded.iter().zip(self.uncertain()))
+            .map(|([b, a], (u95, two))| {
+                let significant = two[0].zip(two[1]).and_then(|(b, a)| is_significant(b, a));
+                let entry = json!({
+                    "before": b.value, "before_u95": u95[0], "after": a.value, "after_u95": u95[1],
+                    "significant": significant,
+                });
+                (a.key.clone(), entry)
+            })
+            .collect();
         let [before, after] = self.sizes.map(|s| json!([s.low, s.high]));
         let mut out = Map::from_iter([
             ("test".to_owned(), json!(self.test.test)),
@@ -149,6 +160,7 @@ impl Verified {
                 format!("after_{key}"): after.value,
                 format!("after_u95_{key}"): after.std.map(|s| 2.0 * s),
                 "reduction": reduction.map(|r| r.fraction),
+                "significant": is_significant(before, after),
                 "reduction_u95": reduction.and_then(|r| r.std).map(|s| 2.0 * s),
             });
             out.insert(name.to_owned(), entry);
@@ -160,20 +172,51 @@ impl Verified {
     /// Range and RMS, before and after.
     fn sizes(&self) -> Vec<Vec<String>> {
         let row = |(name, [before, after], reduction): (&str, [Uncertain; 2], _)| {
-            let name =
-                if name == "range" { "range of the mean deviations" } else { "RMS of the mean deviations" };
-            vec![name.to_owned(), with_limits(before), with_limits(after), percent(reduction)]
+            let [of_range, of_rms] = self.test.about;
+            let name = if name == "range" {
+                format!("range of the mean deviations{of_range}")
+            } else {
+                format!("RMS of the mean deviations{of_rms}")
+            };
+            vec![name, with_limits(before), with_limits(after), change(before, after, reduction)]
         };
         self.rows().map(row).to_vec()
     }
 
+    /// Each figure of the standard before and after, with its uncertainty.
+    fn uncertain(&self) -> impl Iterator<Item = [Option<Uncertain>; 2]> {
+        self.test.figures.iter().zip(&self.test.expanded).map(|(two, expanded)| {
+            let of = |k: usize| Some(Uncertain { value: two[k].value?, std: expanded[k].map(|u| u / 2.0) });
+            [of(0), of(1)]
+        })
+    }
+
+    /// What the two measurements make doubtful.
+    fn doubts(&self) -> Option<&'static str> {
+        let [before, after] = self.sizes.map(|s| s.range);
+        let grown = after.value - before.value;
+        let limit = match expanded_change(before, after) {
+            Some(u) => FAR * u,
+            None => before.value,
+        };
+        (grown > limit).then_some(
+            "after is worse than before by far more than the uncertainty: are --before and --after exchanged, or does the \
+             correction act with the wrong sign?",
+        )
+    }
+
     /// The figures of the standard, before and after, with how they are judged.
     fn judged_figures(&self) -> Vec<Vec<String>> {
-        let row = |([b, a], judged): (&[Assessed; 2], &Assessed)| {
-            let figures = [a.name.to_owned(), show(b.value), show(a.value), change(b.value, a.value)];
+        let row = |(([_, a], two), judged): ((&[Assessed; 2], [Option<Uncertain>; 2]), &Assessed)| {
+            let show = |u: Option<Uncertain>| u.map_or_else(|| "-".to_owned(), with_limits);
+            let change = match two {
+                [Some(b), Some(a)] => change(b, a, Reduction::of(b, a)),
+                _ => "-".to_owned(),
+            };
+            let figures = [a.name.to_owned(), show(two[0]), show(two[1]), change];
             figures.into_iter().chain(judged.words()).collect()
         };
-        self.test.figures.iter().zip(&self.judged.figures).map(row).collect()
+        self.test.figures.iter().zip(self.uncertain()).zip(&self.judged.figures).map(row).collect()
     }
 
     fn print(&self) {
@@ -185,8 +228,24 @@ impl Verified {
             .rows(self.sizes().into_iter().map(|row| [row, nothing.clone()].concat()))
             .rows(self.judged_figures())
             .print();
-        for note in &self.test.notes {
+        let figures = self.test.expanded.iter().flatten().any(Option::is_some);
+        if figures || self.sizes.iter().any(|s| s.range.std.is_some()) {
+            say!("± expanded uncertainty, k = 2: {}", self.what_limits());
+        }
+        for note in self.doubts().into_iter().chain(self.test.notes.iter().map(String::as_str)) {
             note!("note: {note}");
+        }
+    }
+
+    /// What the limits behind the figures hold.
+    fn what_limits(&self) -> &'static str {
+        match (self.device.is_some(), self.test.figures.is_empty() || self.test.test == "iso230-4") {
+            (true, true) => "scatter of readings at one place and instrument",
+            (true, false) => "scatter of readings at one place, few runs and instrument",
+            (false, true) => "scatter of readings at one place; the instrument is not stated (--u-device-um)",
+            (false, false) => {
+                "scatter of readings at one place and few runs; the instrument is not stated (--u-device-um)"
+            }
         }
     }
 
@@ -201,15 +260,13 @@ impl Verified {
         page.heading("Reduction");
         let heads = ["".into(), format!(">before / {unit}"), format!(">after / {unit}"), ">reduction".into()];
         Table::new(&heads).rows(self.sizes()).put(&mut page);
-        page.note(match args.u_device_um {
-            Some(u) => format!(
-                "± expanded uncertainty, k = 2: scatter of readings at one place and {u} {unit} of the instrument, taken as \
-                 independent in both measurements."
-            ),
-            None => "± expanded uncertainty, k = 2, of the scatter of readings at one place; uncertainty of the instrument \
-                     not stated (--u-device-um)."
-                .to_owned(),
+        let of_device = args.u_device_um.map_or_else(String::new, |u| {
+            format!(" ({u} {unit}, taken as independent in both measurements)")
         });
+        page.note(format!("± expanded uncertainty, k = 2: {}{of_device}.", self.what_limits()));
+        if let Some(doubts) = self.doubts() {
+            page.note(doubts);
+        }
         for note in &self.test.notes {
             page.note(note);
         }
@@ -228,10 +285,25 @@ impl Verified {
     }
 }
 
-/// Reduction of a figure in percent; none where it was zero or negative.
-fn change(before: Option<f64>, after: Option<f64>) -> String {
-    let change = before.zip(after).filter(|(b, _)| *b > 0.0).map(|(b, a)| 1.0 - a / b);
-    change.map_or_else(|| "-".to_owned(), |c| format!("{} %", plain(100.0 * c, 1)))
+/// A range that grows by more than so many times the expanded uncertainty of the change is far worse.
+const FAR: f64 = 2.0;
+
+/// Expanded uncertainty (k = 2) of the change of a figure.
+fn expanded_change(before: Uncertain, after: Uncertain) -> Option<f64> {
+    Some(2.0 * before.std?.hypot(after.std?))
+}
+
+/// Whether a figure changed by more than the uncertainty; none where that is not known.
+fn is_significant(before: Uncertain, after: Uncertain) -> Option<bool> {
+    expanded_change(before, after).map(|u| (after.value - before.value).abs() > u)
+}
+
+/// Reduction in percent, or that the change is within its uncertainty.
+fn change(before: Uncertain, after: Uncertain, reduction: Option<Reduction>) -> String {
+    if is_significant(before, after) == Some(false) {
+        return "not significant".to_owned();
+    }
+    percent(reduction)
 }
 
 fn with_limits(u: Uncertain) -> String {
@@ -294,6 +366,8 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
         stated: Stated::default(),
         unit: "µm",
         figures: Vec::new(),
+        expanded: Vec::new(),
+        about: [", about the end-point line"; 2],
         plots: Vec::new(),
         is_repeated: true,
         caption: "",

@@ -614,6 +614,18 @@ impl<'r> Section<'r> {
 
     fn wrong_unit(&self, place: Range<usize>, written: &str, right: &str) -> Diagnostic {
         let unit = unit_of(right).unwrap_or_default();
+        if let Some(wrong) = unit_of(written)
+            && let Some(factor) = volcomp_units::conversion(wrong, unit)
+        {
+            let what = format!("{} has the wrong unit {}", self.named_key(written), in_words(wrong));
+            let what = format!("{what}: it is read in {}", in_words(unit));
+            let number = self.table.and_then(|t| number_of(t.get(written)?.get_ref()));
+            let remedy = match number {
+                Some(value) => format!("write {right} = {}", rounded(value * factor)),
+                None => format!("write {right} and multiply the values by {}", rounded(factor)),
+            };
+            return Diagnostic::at(place, what, remedy);
+        }
         let reason = self
             .reasons
             .iter()
@@ -628,6 +640,20 @@ impl<'r> Section<'r> {
         };
         Diagnostic::at(place, what, format!("write {right} and give the values in {}", in_words(unit)))
     }
+}
+
+/// A number as it is written.
+fn number_of(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Integer(i) => i.as_str().parse().ok(),
+        DeValue::Float(f) => f.as_str().parse().ok(),
+        _ => None,
+    }
+}
+
+/// Without the noise of a conversion.
+fn rounded(v: f64) -> f64 {
+    format!("{v:.9e}").parse().unwrap_or(v)
 }
 
 fn kind_of(value: &DeValue<'_>) -> &'static str {

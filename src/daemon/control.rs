@@ -121,16 +121,11 @@ impl Control {
                     progress.set_state(State::Faulted);
                     progress.wanted.store(false, Relaxed);
                 }
-                Command::ClearFault => {
-                    if std::mem::take(&mut self.kept_fault) {
-                        progress.set_state(State::Off);
-                        progress.wanted.store(false, Relaxed);
-                    }
-                }
                 Command::Disable | Command::Stop => progress.wanted.store(false, Relaxed),
-                Command::SetGain(_) => {}
+                // what the control holds is not known without a link
+                Command::ClearFault | Command::SetGain(_) => {}
             }
-            return command == Command::Enable && self.kept_fault;
+            return matches!(command, Command::Enable | Command::ClearFault) && self.kept_fault;
         };
         session.command(now, command);
         self.kept_fault = session.state() == State::Faulted;

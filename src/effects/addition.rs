@@ -24,9 +24,22 @@ pub struct Addition {
     pub machine: String,
     /// Sign: actual minus nominal of the tool against the workpiece, in machine axes.
     pub sense: String,
+    /// The model beside which it was found; files of earlier versions do not name it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base: Option<Base>,
     /// The effects.
     #[serde(default, rename = "effect", skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<Entry>,
+}
+
+/// The model beside which an addition was found.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Base {
+    /// Its file, as the user named it.
+    pub file: String,
+    /// BLAKE3 of its text, in hex: the hash that `volcomp status` shows of a model.
+    pub hash: String,
 }
 
 /// One effect.
@@ -73,6 +86,34 @@ fn foreign(found: &str, expected: &str) -> String {
     format!(
         "found on machine '{found}', the model is of '{expected}'; diagnose this machine with its own model (--model)"
     )
+}
+
+/// An addition beside a model that may hold it already.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Twice {
+    /// It was found beside another model.
+    #[error(
+        "found with {} (hash {}), the model to extend is another (hash {}): what was put into it since then would be \
+         corrected twice",
+        base.file, short(&base.hash), short(hash)
+    )]
+    OtherBase {
+        /// The model beside which it was found.
+        base: Base,
+        /// Hash of the model to extend.
+        hash: String,
+    },
+    /// The model has the same terms.
+    #[error("the model holds the same already ({}): it would be corrected twice", effects.join(", "))]
+    Held {
+        /// Labels of the effects.
+        effects: Vec<String>,
+    },
+}
+
+/// The beginning of a hash, enough to tell two models.
+fn short(hash: &str) -> &str {
+    hash.get(..16).unwrap_or(hash)
 }
 
 /// An effect that cannot be evaluated.
@@ -159,6 +200,17 @@ impl Addition {
             return Ok(());
         }
         Err(Foreign { found: self.machine.clone(), expected: machine.to_owned() })
+    }
+
+    /// # Errors
+    /// It was found beside another model than the one whose text has this BLAKE3 (hex). A file that names no model passes.
+    pub fn is_beside(&self, hash: &str) -> Result<(), Twice> {
+        match &self.base {
+            Some(base) if base.hash != hash => {
+                Err(Twice::OtherBase { base: base.clone(), hash: hash.to_owned() })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Reads an addition and refuses what cannot be evaluated.

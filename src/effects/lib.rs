@@ -26,7 +26,7 @@ mod units;
 pub use effect::{Effect, Kind, Label, LabelError, Measurement, Subject, Subjects, Without};
 pub use frame::RotaryFrame;
 pub use lever::Lever;
-pub use library::{EFFECTS, forms};
+pub use library::{EFFECTS, forms, squareness_symbol};
 pub use polynomial::{legendre, twist};
 pub use shape::{REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
 pub use units::unit_of;

@@ -61,6 +61,8 @@ pub struct Compensator {
     follows: u32,
     /// The newest finite offset that the control has reported on this link, mm and rad.
     reported: Option<AxisArray>,
+    /// Least and largest offset sent on this link, zero included, mm and rad: what the control may hold when the next one begins.
+    reach: Option<[[f64; 2]; MAX_AXES]>,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
     frozen: bool,
     /// Drives off or emergency stop: the control cannot move any offset.
@@ -69,6 +71,8 @@ pub struct Compensator {
     held_s: f64,
     /// The offset is on its way to zero because positions were lost.
     lost: bool,
+    /// Compensation was enabled since the last change of plan.
+    commanded: bool,
     /// When the last frame came.
     heard: Option<MonoTime>,
     /// The numbers behind what this cycle has found.
@@ -140,10 +144,12 @@ impl Compensator {
             unobserved: false,
             follows: 0,
             reported: None,
+            reach: None,
             frozen: false,
             immobile: false,
             held_s: 0.0,
             lost: false,
+            commanded: false,
             heard: None,
             detail: None,
             last_sequence: 0,
@@ -409,7 +415,8 @@ impl Compensator {
             }
             State::Holding => {}
             State::RampingOut if wanted && self.input.is_settled() => {
-                self.plan(State::RampingIn, Reason::Command);
+                let reason = if self.commanded { Reason::Command } else { Reason::DataGood };
+                self.plan(State::RampingIn, reason);
             }
             State::RampingOut => self.rest_where_done(),
         }
@@ -501,6 +508,7 @@ impl Compensator {
         self.ramp = Ramp::start(self.config.ramp_s);
         self.held_s = 0.0;
         self.lost = false;
+        self.commanded = false;
         self.enter(state, reason);
     }
 
@@ -587,6 +595,7 @@ impl Compensator {
         let offset = self.offset();
         if dt > 0.0 {
             self.read_back.sent(&offset);
+            self.note_reach();
         }
         self.detail = None;
         self.note_stop();

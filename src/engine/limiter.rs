@@ -1,7 +1,8 @@
 //! Bounds the offset of one axis in size, rate and acceleration, whatever is asked of it.
 //!
 //! The offset follows its target exactly while the target keeps the limits; otherwise it goes after it and
-//! brakes in time, relative to the moving target. Invariants, for any sequence of targets and intervals:
+//! brakes in time, relative to the motion of a target that keeps the acceleration; it settles in the range over which another one
+//! goes to and fro. Invariants, for any sequence of targets and intervals:
 //! `|v'| <= rate`, `|p' - p| <= step`, `|p'| <= size` once inside, and `|v' - v| <= acceleration dt` unless the step
 //! limit asks for more (a longer interval than before at full speed).
 //!
@@ -18,13 +19,17 @@ pub struct Limiter {
     position: f64,
     velocity: f64,
     last_target: f64,
+    /// Rate of the target over the last step.
+    last_moved: f64,
+    /// The rate of the target that is followed.
+    along: f64,
 }
 
 impl Limiter {
     /// At rest at zero. A size limit of zero means: this axis is never moved.
     #[must_use]
     pub const fn new(limits: AxisLimits) -> Self {
-        Self { limits, position: 0.0, velocity: 0.0, last_target: 0.0 }
+        Self { limits, position: 0.0, velocity: 0.0, last_target: 0.0, last_moved: 0.0, along: 0.0 }
     }
 
     /// The offset.
@@ -50,6 +55,7 @@ impl Limiter {
         self.position = position;
         self.velocity = 0.0;
         self.last_target = position;
+        (self.last_moved, self.along) = (0.0, 0.0);
     }
 
     /// One step of `dt` seconds towards `target`; true where the limits kept it from getting there.
@@ -83,8 +89,9 @@ impl Limiter {
             return target != self.position;
         }
         let inside = target.clamp(-size, size);
-        let along = ((inside - self.last_target) / dt).clamp(-rate, rate);
-        self.last_target = inside;
+        let moved = ((inside - self.last_target) / dt).clamp(-rate, rate);
+        let along = self.followed(moved, acceleration * dt);
+        (self.last_target, self.last_moved, self.along) = (inside, moved, along);
         let error = inside - self.position - along * dt;
         let closing = if error.abs() <= acceleration * dt * dt {
             error / dt
@@ -112,6 +119,15 @@ impl Limiter {
         self.position != target
     }
 
+    /// The rate of the target that is followed: built up while the target keeps the acceleration, and none where it does not.
+    ///
+    /// Of a target that jumps to and fro the rate of a step would outweigh the distance left, and the offset would leave its range.
+    fn followed(&self, moved: f64, change: f64) -> f64 {
+        // rounding of a target on the limit is no jump
+        let keeps = (moved - self.last_moved).abs() <= change * 1.001;
+        if keeps { self.along + (moved - self.along).clamp(-change, change) } else { 0.0 }
+    }
+
     /// One step of `dt` seconds of slowing down to rest.
     pub fn brake(&mut self, dt: f64) {
         if dt > 0.0 {
@@ -122,6 +138,7 @@ impl Limiter {
             self.velocity = self.velocity.clamp(-step, step);
             self.position += self.velocity * dt;
             self.last_target = self.position;
+            (self.last_moved, self.along) = (0.0, 0.0);
         }
     }
 
@@ -230,6 +247,39 @@ mod tests {
         for sign in [1.0, -1.0] {
             assert!(way(Limiter::step, sign) > 0.005, "followed as any other target, it passes zero");
             assert!(way(Limiter::step_to_zero, sign) <= 1e-15, "{sign}");
+        }
+    }
+
+    proptest! {
+        /// Positions of a control that alternate, or that are those of some cycles ago in every second frame.
+        #[test]
+        fn a_target_to_and_fro_holds_the_offset_in_its_range(
+            middle in -0.05..0.05_f64,
+            half in 1e-4..0.03_f64,
+            pattern in prop_oneof![
+                prop::collection::vec(-1.0..1.0_f64, 2..20),
+                (2..20_u32).prop_map(|n| (0..n).map(|k| 1.0 - 2.0 * f64::from(k) / f64::from(n)).collect()),
+            ],
+            start in -0.1..0.1_f64,
+            way_there in 0..40_u32,
+        ) {
+            let mut l = Limiter::new(LIMITS);
+            l.start_at(start);
+            for k in 0..way_there {
+                l.step(start - start * f64::from(k) / 40.0, 1e-3);
+            }
+            let targets: Vec<f64> = pattern.iter().map(|p| middle + half * p).collect();
+            let low = targets.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = targets.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            for (k, target) in targets.iter().cycle().take(3000).enumerate() {
+                l.step(*target, 1e-3);
+                if k > 1000 {
+                    let outside = (l.position() - high).max(low - l.position());
+                    // what a saw-tooth shows in a period is followed for as long
+                    let allowed = 0.25 * (high - low);
+                    prop_assert!(outside <= allowed, "cycle {k}: {outside} mm outside {low} to {high}");
+                }
+            }
         }
     }
 

@@ -108,7 +108,7 @@ impl Shadow {
         self.engine.on_command(now, Command::Disable);
         self.begin(now);
         // a fault of the last time is not one of this time
-        self.engine.on_command(now, Command::ClearFault);
+        self.engine.clear();
         if on {
             self.engine.on_command(now, Command::Enable);
         }

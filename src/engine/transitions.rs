@@ -152,7 +152,7 @@ pub const RULES: &[Rule] = &[
     Rule {
         from: &[RampingOut],
         to: RampingIn,
-        causes: &[By(Reason::Command)],
+        causes: &[By(Reason::Command), By(Reason::DataGood)],
         reaction: "turned round: blended from the present offset to the correction over ramp-s",
     },
     Rule { from: &[RampingOut], to: Off, causes: &[By(Reason::RampDone)], reaction: "zero" },
@@ -190,7 +190,7 @@ pub const RULES: &[Rule] = &[
         from: &[Faulted],
         to: Off,
         causes: &[Cause::Command],
-        reaction: "none; a fault is cleared only where the control holds no offset",
+        reaction: "none; a fault is cleared only with the link up, where the control reports no offset",
     },
     Rule {
         from: &[RampingIn, Active, FadingToStatic, Holding, RampingOut],

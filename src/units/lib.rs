@@ -52,6 +52,44 @@ pub fn deg_from_rad(rad: f64) -> f64 {
     rad / RAD_PER_DEG
 }
 
+/// Units of keys and columns by their ends, each with its size in the smallest of its quantity.
+const SIZES: [&[(&str, f64)]; 3] = [
+    &[("nm", 1.0), ("um", 1e3), ("mm", 1e6), ("cm", 1e7), ("m", 1e9), ("in", 25.4e6), ("inch", 25.4e6)],
+    &[
+        ("urad", 1e-6 / RAD_PER_ARCSEC),
+        ("arcsec", 1.0),
+        ("arcmin", 60.0),
+        ("mrad", 1e-3 / RAD_PER_ARCSEC),
+        ("deg", 3600.0),
+        ("rad", 1.0 / RAD_PER_ARCSEC),
+    ],
+    &[("us", 1.0), ("ms", 1e3), ("s", 1e6), ("min", 6e7), ("h", 3.6e9)],
+];
+
+/// The factor from one unit of keys and columns to another (`mm` to `um`: 1000; `mm_per_min` to `mm_per_s`: 1/60); `None`
+/// where they are not of one quantity or not known.
+#[must_use]
+pub fn conversion(from: &str, to: &str) -> Option<f64> {
+    let (from, to) = (from.replace('-', "_"), to.replace('-', "_"));
+    let part = |from: &str, to: &str| {
+        let size =
+            |list: &[(&str, f64)], unit| list.iter().find(|(name, _)| *name == unit).map(|(_, size)| *size);
+        SIZES.iter().find_map(|list| Some(size(list, from)? / size(list, to)?))
+    };
+    match (from.split_once("_per_"), to.split_once("_per_")) {
+        (None, None) => part(&from, &to),
+        (Some((from, below_from)), Some((to, below_to))) => {
+            let below = match (below_from.strip_suffix('2'), below_to.strip_suffix('2')) {
+                (Some(a), Some(b)) => part(a, b)?.powi(2),
+                (None, None) => part(below_from, below_to)?,
+                _ => return None,
+            };
+            Some(part(from, to)? / below)
+        }
+        _ => None,
+    }
+}
+
 /// A point on a monotonic time line, in nanoseconds since an arbitrary origin.
 ///
 /// Never read inside the core: the shell (or a test, or a recording) passes it in.
@@ -91,6 +129,26 @@ mod tests {
     #[test]
     fn one_arcsec_over_one_metre_is_4_85_um() {
         assert!((um_from_mm(rad_from_arcsec(1.0) * 1000.0) - 4.848_136_811).abs() < 1e-8);
+    }
+
+    #[test]
+    fn units_of_keys_and_columns_convert_within_their_quantity() {
+        for (from, to, factor) in [
+            ("mm", "um", 1000.0),
+            ("um", "mm", 0.001),
+            ("m", "mm", 1000.0),
+            ("in", "mm", 25.4),
+            ("deg", "arcsec", 3600.0),
+            ("mm-per-s", "um-per-s", 1000.0),
+            ("mm_per_min", "mm_per_s", 1.0 / 60.0),
+            ("mm_per_s2", "um_per_s2", 1000.0),
+            ("s", "ms", 1000.0),
+        ] {
+            assert!((conversion(from, to).unwrap() / factor - 1.0).abs() < 1e-12, "{from} {to}");
+        }
+        for (from, to) in [("mm", "deg"), ("um", "arcsec"), ("mm", "mm_per_s"), ("degc", "um"), ("", "um")] {
+            assert_eq!(conversion(from, to), None, "{from} {to}");
+        }
     }
 
     #[test]

@@ -88,7 +88,7 @@ fn sources_are_kept_and_the_straight_edge_counts_for_nothing() {
             && text.contains("in y.csv, which does not state ec0y"),
         "{text}"
     );
-    assert!(text.contains("gauge: in normal form"), "{text}");
+    assert!(text.contains("datum and reference-line convention: met"), "{text}");
     let model = std::fs::read_to_string(f.join("m.toml")).unwrap();
     let parsed: toml::Value = model.parse::<toml::Table>().unwrap().into();
     let square = parsed["errors"]["ec0y"]["constant"]["value-arcsec"]

@@ -206,7 +206,10 @@ fn wrong_units() {
     );
     model_shows(
         &format!("{MODEL}[errors.exx.table]\nposition-mm = [0, 10]\nvalue-nm = [0, 10]\n"),
-        &["value-nm has the wrong unit nm: EXX is a length", "write value-um"],
+        &[
+            "value-nm has the wrong unit nm: it is read in um",
+            "write value-um and multiply the values by 0.001",
+        ],
     );
     model_shows(
         &format!("{ROTARY}[errors.exc.fourier]\nspan-mm = 360\nperiod-deg = 360\n"),
@@ -226,14 +229,15 @@ fn wrong_units() {
     );
     machine_shows(
         &machine("[axes.y]\nlimit-um = 1\nrate-mm-per-s = 1\nacceleration-um-per-s2 = 1\n"),
-        &[
-            "axes.y.rate-mm-per-s has the wrong unit mm/s: axis Y is linear",
-            "write rate-um-per-s and give the values in um/s",
-        ],
+        &["axes.y.rate-mm-per-s has the wrong unit mm/s: it is read in um/s", "write rate-um-per-s = 1000"],
     );
     machine_shows(
         &machine("[link]\ncycle-us = 1000\n"),
-        &["link.cycle-us has the wrong unit us", "write cycle-ms"],
+        &["link.cycle-us has the wrong unit us", "write cycle-ms = 1"],
+    );
+    machine_shows(
+        &machine("[axes.y]\nlimit-mm = 0.15\nrate-um-per-s = 1\nacceleration-um-per-s2 = 1\n"),
+        &["axes.y.limit-mm has the wrong unit mm: it is read in um", "write limit-um = 150"],
     );
     // a key in the wrong unit is not reported as missing too
     let errors = model::parse("m", &format!("{MODEL}[errors.exx.table]\nposition-deg = [0, 10]\n{table}"));

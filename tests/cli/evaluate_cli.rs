@@ -191,6 +191,22 @@ fn the_zero_of_each_diagonal_changes_no_reduction() {
         .output()
         .unwrap();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    // drawn about their means, too: nothing stands near the zero of a set-up
+    let args = ["verify", "--before", "before.csv", "--after", "after.csv", "--html", "d.html"];
+    let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(args)
+        .current_dir(directory.path())
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("RMS of the mean deviations, each diagonal about its mean"), "{text}");
+    let page = std::fs::read_to_string(directory.path().join("d.html")).unwrap();
+    let ticks: Vec<f64> = page
+        .split("</text>")
+        .filter_map(|t| t.rsplit('>').next()?.trim().parse().ok())
+        .filter(|v: &f64| v.abs() < 50.0)
+        .collect();
+    assert!(ticks.len() > 8 && ticks.iter().all(|v| v.abs() < 10.0), "{ticks:?}");
     for figure in ["range", "rms"] {
         assert!((report[figure]["reduction"].as_f64().unwrap() - 0.75).abs() < 1e-9, "{report}");
     }
@@ -210,7 +226,11 @@ fn bad_data_are_refused_with_their_place() {
             "cycle,direction,target_mm,deviation_um\n1,1,0,nan\n",
             "f.csv:2:7: deviation_um: nan is not finite",
         ),
-        ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,up,0,1\n", "'up' is not a number"),
+        (
+            "iso230-2",
+            "cycle,direction,target_mm,deviation_um\n1,up,0,1\n",
+            "'up' is no direction; write 1 (towards plus) or -1",
+        ),
         ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,1,0,1\n2,1,0,1\n", "1 of at least 2 targets"),
         (
             "iso230-2",

@@ -323,6 +323,100 @@ fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_writt
     assert!(!dir.path().join("n.toml").exists());
 }
 
+/// Two effects, the model with them, and the addition with and without the model that it was found with.
+fn found_and_added(dir: &Path) -> [String; 2] {
+    let backlash = moving(
+        "backlash",
+        "x",
+        "12",
+        "form = \"backlash\"\naxis = \"x\"\nalong = [\"x\"]\nlength-mm = 0.0879\nslope = false",
+    );
+    let lean = effect("squareness", "xy", "-5.6", "form = \"squareness\"\nalong = \"x\"\nover = \"y\"");
+    let old = addition("m", &[backlash, lean]);
+    let hash = blake3::hash(MODEL.as_bytes()).to_hex();
+    let base = format!("sense = \"\"\n[base]\nfile = \"m.toml\"\nhash = \"{hash}\"\n");
+    let new = old.replace("sense = \"\"\n", &base);
+    std::fs::write(dir.join("m.toml"), MODEL).unwrap();
+    std::fs::write(dir.join("new.toml"), &new).unwrap();
+    std::fs::write(dir.join("old.toml"), &old).unwrap();
+    let args = ["model", "extend", "--model", "m.toml", "--add", "new.toml", "--out", "better.toml"];
+    let out = volcomp(dir, &args);
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    [old, new]
+}
+
+#[test]
+fn what_a_model_holds_already_is_not_added_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    found_and_added(d);
+    let run = |add: &[&str]| {
+        let args = ["model", "extend", "--model", "better.toml", "--out", "twice.toml"];
+        let out = volcomp(d, &[&args[..], add].concat());
+        (out.status.code().unwrap(), String::from_utf8(out.stderr).unwrap())
+    };
+    let hash = |name: &str| blake3::hash(&std::fs::read(d.join(name)).unwrap()).to_hex()[..16].to_owned();
+    let (code, message) = run(&["--add", "new.toml"]);
+    assert_eq!(code, 78, "{message}");
+    let hashes = [hash("m.toml"), hash("better.toml")];
+    for part in ["new.toml: found with m.toml", &hashes[0], &hashes[1], "--model better.toml", "--force"] {
+        assert!(message.contains(part), "{part} not in {message}");
+    }
+    // an addition of an earlier version is compared term by term, also behind another one
+    let (code, message) = run(&["--add", "old.toml"]);
+    assert!(code == 78 && message.contains("already (backlash:x, squareness:xy)"), "{code}: {message}");
+    assert!(!d.join("twice.toml").exists());
+    let args =
+        ["model", "extend", "--model", "m.toml", "--add", "old.toml", "--add", "old.toml", "--out", "t.toml"];
+    assert_eq!(volcomp(d, &args).status.code(), Some(78));
+    // even by force a term stays single
+    let (code, message) = run(&["--add", "new.toml", "--force"]);
+    assert!(code == 65 && message.contains("the model has the same terms already"), "{code}: {message}");
+    // another base by force
+    std::fs::write(d.join("other.toml"), format!("# another day\n{MODEL}")).unwrap();
+    let args = ["model", "extend", "--model", "other.toml", "--add", "new.toml", "--out", "o.toml"];
+    assert_eq!(volcomp(d, &args).status.code(), Some(78));
+    assert!(volcomp(d, &[&args[..], &["--force"]].concat()).status.success());
+}
+
+#[test]
+fn a_machine_file_does_not_add_again_what_its_model_holds() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    found_and_added(d);
+    let axes = ["x", "y", "z"].map(|axis| format!("[axes.{axis}]\n{LIMITS}")).concat();
+    for (model, add, wanted) in [
+        ("m.toml", "new.toml", None),
+        ("m.toml", "old.toml", None),
+        ("better.toml", "new.toml", Some("found with m.toml")),
+        ("better.toml", "old.toml", Some("already (backlash:x, squareness:xy)")),
+    ] {
+        let machine = MACHINE.replace("m.toml", model);
+        std::fs::write(d.join("machine.toml"), format!("{machine}additions = [\"{add}\"]\n{axes}")).unwrap();
+        let check = volcomp(d, &["check", "machine.toml"]);
+        let message = String::from_utf8(check.stderr).unwrap();
+        assert_eq!(check.status.code(), Some(wanted.map_or(0, |_| 78)), "{message}");
+        assert!(
+            wanted.is_none_or(|w| message.contains(w) && message.contains("--model better.toml")),
+            "{message}"
+        );
+        assert_eq!(volcomp::daemon::load(&d.join("machine.toml")).is_ok(), wanted.is_none());
+    }
+}
+
+#[test]
+fn a_report_in_place_of_the_addition_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
+    std::fs::write(dir.path().join("report.json"), "{\n  \"format\": \"volcomp-gap/1\"\n}\n").unwrap();
+    let args = ["model", "extend", "--model", "m.toml", "--add", "report.json", "--out", "n.toml"];
+    let message = String::from_utf8(volcomp(dir.path(), &args).stderr).unwrap();
+    assert!(
+        message.contains("not volcomp-addition/1 (TOML)") && message.contains("addition.toml beside"),
+        "{message}"
+    );
+}
+
 const MACHINE: &str = "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"m.toml\"\n";
 const LIMITS: &str = "limit-um = 100\nrate-um-per-s = 1000\nacceleration-um-per-s2 = 10000\njump-mm = 5\n";
 

@@ -53,10 +53,9 @@ fn show_says_what_is_in_the_model_and_where_it_is_worst() {
         "laser 7",
         "largest position error",
         // 8 um in X, 5 um in Y at the far end
-        "9.43 um",
+        "9.43 µm",
         "at X 500",
-        "-8.00 um",
-        "eyx slope over 0 to 500 mm, 2.063 arcsec -> ec0y -2.063 arcsec",
+        "-8.00 µm",
         "add --html model.html",
     ] {
         assert!(shown.contains(part), "{part} not in\n{shown}");
@@ -92,7 +91,9 @@ fn pictures_are_written_where_they_are_asked_for() {
         let page = std::fs::read_to_string(dir.path().join("page.html")).unwrap();
         let svg = std::fs::read_to_string(dir.path().join("picture.svg")).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
-        for part in ["Distorted volume", "magnified", "EXX", "Largest corrections", "Gauge"] {
+        for part in
+            ["Distorted volume", "magnified", "EXX", "Largest corrections", "Datums and reference lines"]
+        {
             assert!(page.contains(part), "{name}: {part}");
         }
         // one file that needs no other
@@ -108,14 +109,14 @@ fn normalise_keeps_origin_and_uncertainty_and_is_done_after_one_time() {
     let said = stdout(&["model", "normalise", "model.toml", "--out", "once.toml"], dir.path());
     assert!(
         said.contains("ec0y 0 arcsec becomes -2.063 arcsec")
-            && said.contains("shift of the workpiece (3, 0, 0) um")
+            && said.contains("shift of the workpiece (3, 0, 0) µm")
     );
     let once = std::fs::read_to_string(dir.path().join("once.toml")).unwrap();
     for part in ["std-um = 0.4", "instrument = \"laser 7\"", "[errors.ec0y.constant]", "value-um = [0, 5]"] {
         assert!(once.contains(part), "{part} not in\n{once}");
     }
     let said = stdout(&["model", "normalise", "once.toml", "--out", "twice.toml"], dir.path());
-    assert!(said.contains("gauge: in normal form"), "{said}");
+    assert!(said.contains("datum and reference-line convention: met"), "{said}");
     let twice = std::fs::read_to_string(dir.path().join("twice.toml")).unwrap();
     let body = |t: &str| t.lines().skip(1).collect::<Vec<_>>().join("\n");
     assert_eq!(body(&once), body(&twice));
@@ -125,7 +126,16 @@ fn normalise_keeps_origin_and_uncertainty_and_is_done_after_one_time() {
 fn check_reports_the_gauge() {
     let dir = directory(&format!("{HEAD}{SLOPED}"));
     let shown = stdout(&["check", "model.toml"], dir.path());
-    assert!(shown.contains("gauge: the normal form would move"), "{shown}");
+    let of_convention =
+        |text: &str| text.lines().filter(|l| l.contains("convention") || l.contains("eyx slope")).count();
+    assert!(shown.contains("convention: 2 offsets and slopes are kept"), "{shown}");
+    assert_eq!((of_convention(&shown), shown.contains("becomes")), (1, false), "one line: {shown}");
+    for args in [["check", "--verbose", "model.toml"], ["model", "show", "model.toml"]] {
+        assert!(stdout(&args, dir.path()).contains("datum and reference-line convention: "));
+    }
+    let all = stdout(&["check", "--verbose", "model.toml"], dir.path());
+    assert!(all.contains("eyx slope over 0 to 500 mm, 2.063 arcsec -> ec0y -2.063 arcsec"), "{all}");
+    assert!(all.contains("ec0y 0 arcsec becomes -2.063 arcsec"), "{all}");
     let json: Value = serde_json::from_str(&stdout(&["check", "model.toml", "--json"], dir.path())).unwrap();
     let gauge = &json["files"][0]["gauge"];
     assert_eq!(gauge["normal"], false);

@@ -250,6 +250,81 @@ fn before_and_after_stand_in_one_report_with_verdicts() {
 }
 
 #[test]
+fn a_change_within_the_uncertainty_is_not_significant_and_exchanged_files_are_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    positioning(d, "before.csv", 11, 3.0);
+    positioning(d, "after.csv", 11, 0.1);
+    let verify = |before, after| {
+        let output = volcomp(d, &["verify", "--before", before, "--after", after, "--html", "v.html"]);
+        assert!(output.status.success());
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap())
+    };
+    let [text, notes] = verify("before.csv", "after.csv");
+    let row = |name: &str| text.lines().find(|l| l.starts_with(name)).unwrap_or_default().to_owned();
+    // the repeatability is that of the noise in both tests but for the reversal
+    assert!(row("repeatability R, forward").contains("not significant"), "{text}");
+    let accuracy = row("bidirectional positioning accuracy A");
+    assert!(accuracy.matches('±').count() == 3 && accuracy.contains('%'), "{text}");
+    assert!(row("RMS of the mean deviations, about zero").contains('%'), "{text}");
+    assert!(text.contains("± expanded uncertainty, k = 2") && !notes.contains("exchanged"), "{notes}");
+    let page = read(d, "v.html");
+    holds(&words(&page), &["After, same scale", "After, own scale", "not significant"]);
+    assert!(page.contains("mean of both") && !page.contains("(dashed)"), "the key is dashed itself");
+    let [_, notes] = verify("after.csv", "before.csv");
+    holds(&notes, &["are --before and --after exchanged"]);
+    holds(&words(&read(d, "v.html")), &["are --before and --after exchanged"]);
+    let json = ok(d, &["verify", "--before", "before.csv", "--after", "after.csv", "--json"]);
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["figures"]["r_fwd_um"]["significant"], false);
+    assert_eq!(json["figures"]["a_um"]["significant"], true);
+    assert!(json["figures"]["a_um"]["before_u95"].as_f64().unwrap() > 0.0, "{json}");
+}
+
+#[test]
+fn files_that_cannot_be_compared_are_named_by_what_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    positioning(d, "x.csv", 5, 1.0);
+    std::fs::write(d.join("d.csv"), "diagonal,cycle,direction,target_mm,deviation_um\nppp,1,1,0,0\n")
+        .unwrap();
+    std::fs::write(d.join("machine.toml"), "format = \"volcomp-machine/1\"\nmachine = \"m\"\n").unwrap();
+    let verify = |after| refused(d, 65, &["verify", "--before", "x.csv", "--after", after]);
+    holds(&verify("machine.toml"), &["error: machine.toml: not a table of readings"]);
+    holds(
+        &verify("d.csv"),
+        &["x.csv is a positioning test (ISO 230-2), this is a test of body diagonals (ISO 230-6)"],
+    );
+}
+
+#[test]
+fn units_and_uncertainties_that_no_machine_has_are_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    positioning(d, "um.csv", 5, 1.0);
+    positioning(d, "mm.csv", 5, 0.001);
+    let text = read(d, "mm.csv");
+    let small: Vec<String> = text
+        .lines()
+        .map(|l| match l.rsplit_once(',').and_then(|(l, v)| Some((l, v.parse::<f64>().ok()?))) {
+            Some((l, v)) => format!("{l},{}", v / 1000.0),
+            None => l.to_owned(),
+        })
+        .collect();
+    std::fs::write(d.join("mm.csv"), small.join("\n")).unwrap();
+    let notes = |args: &[&str]| {
+        String::from_utf8(volcomp(d, &[&["evaluate", "iso230-2"], args].concat()).stderr).unwrap()
+    };
+    assert!(notes(&["um.csv"]).is_empty());
+    holds(&notes(&["mm.csv"]), &["no deviation exceeds 0.1 µm", "is deviation_um in µm?"]);
+    holds(&notes(&["um.csv", "--u-device-um-per-m", "1500"]), &["is larger than A itself", "--u-device-um"]);
+    std::fs::write(d.join("named.csv"), text.replace("deviation_um", "deviation_mm")).unwrap();
+    let words = "deviation_mm is in mm: multiply by 1000 and name it deviation_um";
+    holds(&refused(d, 65, &["evaluate", "iso230-2", "named.csv"]), &[words]);
+    holds(&refused(d, 65, &["verify", "--before", "um.csv", "--after", "named.csv"]), &[words]);
+}
+
+#[test]
 fn a_ballbar_report_ranks_causes_and_shows_what_changed() {
     let folder = tempfile::tempdir().unwrap();
     let d = folder.path();

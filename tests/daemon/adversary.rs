@@ -93,6 +93,32 @@ fn an_offset_far_beyond_the_limit_on_a_new_link_is_a_fault_of_its_own() {
 }
 
 #[test]
+fn a_fault_that_has_ended_the_link_is_not_cleared_before_the_control_reports_zero() {
+    let (port, daemon, mut session) = linked();
+    session.run_until_corrected();
+    session.deceive(0.03);
+    daemon.wait_for_log("VC-4001");
+    let held = session.applied;
+    drop(session);
+    // between the links, and on the next one while the control still holds its offset
+    let refused = || {
+        let answer = daemon.volcomp(&["enable", "--clear-fault"]);
+        let said = String::from_utf8_lossy(&answer.stderr).into_owned();
+        assert!(!answer.status.success() && said.contains("at zero offset only, with the link up"), "{said}");
+        assert_eq!(daemon.status()["faults"][0]["code"], "VC-4001");
+    };
+    refused();
+    let mut session = port.link();
+    session.applied = held;
+    session.run_unanswered(20);
+    refused();
+    session.applied.fill(0.0);
+    session.run_unanswered(20);
+    assert!(daemon.volcomp(&["enable", "--clear-fault"]).status.success());
+    session.run_until_corrected();
+}
+
+#[test]
 fn a_backlog_larger_than_one_turn_is_worked_off_on_the_same_link() {
     let (_port, daemon, mut session) = linked();
     session.run_until_corrected();

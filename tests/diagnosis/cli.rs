@@ -393,6 +393,27 @@ fn rotary_axes_need_a_chain() {
     assert!(done.status.success(), "{}", text(&done.stderr));
 }
 
+#[test]
+fn positions_outside_the_travel_of_the_model_ask_for_the_right_model() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("m.toml"), MODEL).unwrap();
+    std::fs::write(
+        d.join("o.toml"),
+        MODEL.replace("[axes.x]\ntravel-mm = [-200, 700]", "[axes.x]\ntravel-mm = [0, 90]"),
+    )
+    .unwrap();
+    std::fs::write(d.join("s.csv"), line(&|_, _| {})).unwrap();
+    let said = |model: &str| {
+        let done = volcomp(d, &["diagnose", "--data", "s.csv", "--model", model]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        text(&done.stdout)
+    };
+    let wanted = "the travel of the model is 0.0 to 90.0 mm: is it the model of this machine?";
+    assert!(said("o.toml").contains(wanted), "{}", said("o.toml"));
+    assert!(!said("m.toml").contains("the travel of the model is"));
+}
+
 /// An addition of one effect with one value each.
 fn addition(machine: &str, name: &str, shape: volcomp::diagnose::library::Shape) -> String {
     use volcomp::diagnose::addition::{Addition, Entry, FORMAT};
@@ -412,8 +433,14 @@ fn addition(machine: &str, name: &str, shape: volcomp::diagnose::library::Shape)
     };
     let effects = vec![entry];
     let sense = "actual minus nominal".to_owned();
-    toml::to_string(&Addition { format: FORMAT.to_owned(), machine: machine.to_owned(), sense, effects })
-        .unwrap()
+    toml::to_string(&Addition {
+        format: FORMAT.to_owned(),
+        machine: machine.to_owned(),
+        sense,
+        base: None,
+        effects,
+    })
+    .unwrap()
 }
 
 #[test]

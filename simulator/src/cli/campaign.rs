@@ -9,6 +9,7 @@ use crate::campaign::points::points;
 use crate::campaign::{Campaign, Plan, run_campaign};
 use crate::twin::catalogue::CATALOGUE;
 use crate::twin::machine::nominal_model;
+use crate::twin::quantity::Quantity;
 use crate::twin::{TwinError, TwinTruth};
 
 #[derive(Debug, clap::Args)]
@@ -17,7 +18,7 @@ use crate::twin::{TwinError, TwinTruth};
     is:\n\n  \
     format = \"volcomp-twin/1\"\n  seed = 7                      # draws all constants that are not given\n  \
     [instruments]\n  heavy-tails = true            # all keys: docs/development/blind-tests.md\n  \
-    [[effect]]\n  name = \"backlash\"\n  subject = \"x\"\n  size-um = 3.0\n  with = { length-mm = 0.2 }\n\n\
+    [[effect]]\n  name = \"backlash\"\n  subject = \"x\"\n  width-um = 6.0                # the reversal error; size-um = 3.0 is the same\n  with = { length-mm = 0.2 }\n\n\
     Examples:\n  cncsim campaign --truth twin.toml --seed 1 --out monday\n  \
     cncsim campaign --truth twin.toml --seed 2 --out tuesday     the same machine on another day\n  \
     volcomp diagnose --model monday/model.toml --data monday/laser.csv --data monday/ballbar.csv \\\n    \
@@ -94,6 +95,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         say!("{text}");
     } else {
         let data: Vec<String> = names.iter().map(|n| format!("--data {}", out.join(n).display())).collect();
+        for effect in &truth.effects {
+            say!("truth: {}", Quantity::line(effect));
+        }
         say!("{} readings of {:.1} h", campaign.measured.len(), (last - first) / 3600.0);
         say!(
             "volcomp diagnose --model {} {} --history {} --out gap",

@@ -79,7 +79,7 @@ fn json(outcome: &Outcome) -> serde_json::Value {
 
 fn print_table(outcome: &Outcome) {
     say!();
-    say!("{:<15} {:>12} {:>12} {:>8}", "measured", "without / um", "with / um", "gone");
+    say!("{:<15} {:>12} {:>12} {:>8}", "measured", "without / µm", "with / µm", "gone");
     for (name, how, pair) in outcome.table() {
         let gone = 100.0 * pair.reduction();
         say!("{name:<15} {:>12.1} {:>12.1} {gone:>6.0} %   {how}", pair.before_um, pair.after_um);

@@ -161,12 +161,12 @@ impl Outcome {
         let model = self.circle_with_ideal_drives_um;
         vec![
             format!(
-                "{:.1} um of circularity are left. With ideal drives and encoders it would be {model:.1} um: that part is the \
-                 model's, from a survey every 25 mm with 0.2 um and 0.1 arcsec of noise.",
+                "{:.1} µm of circularity are left. With ideal drives and encoders it would be {model:.1} µm: that part is the \
+                 model's, from a survey every 25 mm with 0.2 µm and 0.1 arcsec of noise.",
                 self.circle.after_um
             ),
-            "The rest is no geometry and no map can remove it: servo lags that differ by 0.02 ms (0.7 um on this circle), \
-             0.3 um of lost motion and 0.1 um of wander behind the encoders."
+            "The rest is no geometry and no map can remove it: servo lags that differ by 0.02 ms (0.7 µm on this circle), \
+             0.3 µm of lost motion and 0.1 µm of wander behind the encoders."
                 .to_owned(),
             "The following error of the drives themselves (the lag along the path) is not a geometric error and is not \
              touched."

@@ -16,6 +16,8 @@ use crate::truth::TruthMachine;
 
 /// How long the daemon may take to connect.
 const CONNECT_LIMIT: Duration = Duration::from_secs(10);
+/// How often it is looked after meanwhile.
+const LOOK_AFTER: Duration = Duration::from_millis(100);
 /// How long ramping in may take, s of control time.
 const RAMP_LIMIT_S: f64 = 10.0;
 
@@ -134,19 +136,33 @@ impl Shop {
     /// Starts a daemon and waits until it compensates; its corrections are monitored from its start on.
     ///
     /// # Errors
-    /// It does not start, does not connect, or does not become active; the message says where its log is.
+    /// It does not start, does not connect, or does not become active; the message is what the daemon said last, and where
+    /// its log is.
     pub fn start_daemon(&mut self, programs: &Programs, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
         self.monitor(&std::fs::read_to_string(config)?)?;
-        let daemon = programs.volcompd(config, log)?;
-        let see = || format!("see {}", log.display());
-        self.control.wait_for_daemon(CONNECT_LIMIT).with_context(see)?;
+        // the log goes on from earlier runs
+        let before = std::fs::read_to_string(log).unwrap_or_default().len();
+        let said =
+            || last_words(std::fs::read_to_string(log).unwrap_or_default().get(before..).unwrap_or_default());
+        let mut daemon = programs.volcompd(config, log)?;
+        let see = || format!("  its log: {}", log.display());
+        let mut waited = Duration::ZERO;
+        while let Err(e) = self.control.wait_for_daemon(LOOK_AFTER) {
+            waited += LOOK_AFTER;
+            if !daemon.is_running() {
+                bail!("volcompd has ended: {}\n{}", said(), see());
+            }
+            if waited >= CONNECT_LIMIT {
+                return Err(e).with_context(|| format!("volcompd does not connect: {}\n{}", said(), see()));
+            }
+        }
         let mut active = false;
         self.control.run_until(&mut self.machine, RAMP_LIMIT_S, &mut |r| {
             active = r.correction.is_some_and(|c| c.state == CorrectionState::Active);
             Ok(if active { Flow::Stop } else { Flow::GoOn })
         })?;
         if !active {
-            bail!("the daemon is connected but does not compensate; {}", see());
+            bail!("volcompd is connected but does not compensate: {}\n{}", said(), see());
         }
         Ok(daemon)
     }
@@ -241,5 +257,28 @@ impl Shop {
     pub fn corners(&self) -> [[f64; 3]; 2] {
         let travel = |end: usize| [0, 1, 2].map(|k| self.machine.travel(k)[end]);
         [travel(0), travel(1)]
+    }
+}
+
+/// What a daemon said last: its error with the hint, else its last warning, else that it said nothing.
+fn last_words(log: &str) -> String {
+    let mut lines: Vec<&str> = log.lines().map(str::trim_end).collect();
+    if let Some(at) = lines.iter().rposition(|l| l.starts_with("error:")) {
+        return lines.split_off(at).join("\n").trim_start_matches("error: ").to_owned();
+    }
+    let warning = lines.iter().rev().find_map(|l| l.split_once(" WARN ").or_else(|| l.split_once(" ERROR ")));
+    warning.map_or("no error and no warning in its log", |(_, said)| said.trim()).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_error_with_its_hint_comes_first() {
+        let log = "error: an earlier run\n  hint: no\n2026 WARN no link code=VC-6001\nerror: m.toml: no model\n  hint: fit one\n";
+        assert_eq!(last_words(log), "m.toml: no model\n  hint: fit one");
+        assert_eq!(last_words("t  WARN refused: expired\nt  INFO on\n"), "refused: expired");
+        assert!(last_words("").contains("no error"));
     }
 }

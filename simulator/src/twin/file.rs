@@ -1,13 +1,14 @@
 //! The truth file of a twin, `volcomp-twin/1` (TOML): which physics is switched on, and how large.
 //!
-//! A diagnosis never reads it. Sizes are what the effect does typically over the volume, in um; what is not given of an
-//! effect's other constants is drawn from the seed.
+//! A diagnosis never reads it. Sizes are what the effect does typically over the volume, in um, or the quantity that a
+//! measurement states ([`Quantity`]); what is not given of an effect's other constants is drawn from the seed.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use super::catalogue::{self, Subjects};
+use super::quantity::Quantity;
 
 /// The name of the format.
 pub const FORMAT: &str = "volcomp-twin/1";
@@ -71,18 +72,57 @@ impl Default for InstrumentTruth {
 
 /// One effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[serde(try_from = "Given", rename_all = "kebab-case")]
 pub struct Effect {
     /// Its name, `cncsim campaign --list-effects` has them.
     pub name: String,
     /// Axis, pair or symbol.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub subject: String,
     /// What it does typically, um; the sign counts.
     pub size_um: f64,
     /// Constants of its physics, by the names of the list.
-    #[serde(default, rename = "with", skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(rename = "with", skip_serializing_if = "BTreeMap::is_empty")]
     pub constants: BTreeMap<String, f64>,
+}
+
+/// An effect as it stands in a file: its size once, in one of its keys.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+struct Given {
+    name: String,
+    #[serde(default)]
+    subject: String,
+    size_um: Option<f64>,
+    width_um: Option<f64>,
+    angle_arcsec: Option<f64>,
+    #[serde(default)]
+    with: BTreeMap<String, f64>,
+}
+
+impl TryFrom<Given> for Effect {
+    type Error = String;
+
+    fn try_from(given: Given) -> Result<Self, String> {
+        let mut effect =
+            Self { name: given.name, subject: given.subject, size_um: 0.0, constants: given.with };
+        let quantity = Quantity::of(&effect.name, &effect.subject);
+        let of = |key: &str| quantity.as_ref().filter(|q| q.key == key).map(|q| 1.0 / q.per_um);
+        let sizes = [
+            (given.size_um, Some(1.0)),
+            (given.width_um, of("width-um")),
+            (given.angle_arcsec, of("angle-arcsec")),
+        ];
+        let mut sizes = sizes.into_iter().filter_map(|(value, um)| value.map(|v| um.map(|um| v * um)));
+        match (sizes.next(), sizes.next()) {
+            (Some(Some(size_um)), None) => effect.size_um = size_um,
+            _ => {
+                let or = quantity.map_or_else(String::new, |q| format!(", or {} in its place", q.key));
+                return Err(format!("effect {}: give its size once, as size-um{or}", effect.label()));
+            }
+        }
+        Ok(effect)
+    }
 }
 
 impl Effect {

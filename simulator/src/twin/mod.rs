@@ -2,7 +2,8 @@
 //!
 //! A table C on the carriage X', a ram Y and a head Z: `[w C' X' b Y Z t]`. The geometric chain is [`crate::truth`]'s;
 //! here is what moves, winds up, warms up and bends along it. Nothing here knows a formula of the diagnosis.
-//! Reading order: [`mod@file`] (the truth file), [`catalogue`] (what there is), [`drive`], [`heat`], [`bodies`], [`machine`].
+//! Reading order: [`mod@file`] (the truth file), [`quantity`] (its sizes in metrology), [`catalogue`] (what there is),
+//! [`drive`], [`heat`], [`bodies`], [`machine`].
 
 pub mod bodies;
 pub mod catalogue;
@@ -10,6 +11,7 @@ pub mod drive;
 pub mod file;
 pub mod heat;
 pub mod machine;
+pub mod quantity;
 pub mod random;
 
 pub use file::{Effect, InstrumentTruth, TwinError, TwinTruth};

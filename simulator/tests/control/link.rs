@@ -162,7 +162,7 @@ fn what_does_not_fit_is_told_why() {
     let begin = Instant::now();
     let mut client = Client::connect(control.address());
     assert!(matches!(client.receive(), Some(Message::Error(e)) if e.code == ErrorCode::Unexpected));
-    assert!((900..2500).contains(&begin.elapsed().as_millis()));
+    assert!(begin.elapsed() >= Duration::from_millis(900), "{:?}", begin.elapsed());
     // and the place is still free
     let (_, hello) = Client::handshake(control.address());
     assert_eq!((hello.axis_count, hello.cycle_ns, hello.machine.as_str()), (3, 1_000_000, MACHINE));
@@ -319,7 +319,8 @@ fn a_daemon_that_stops_answering_does_not_stop_the_machine() {
     assert_eq!(summary.cycles, 400);
     // one answer is waited for 0.2 s, the others a cycle; after a second of silence the link is given up
     assert!(summary.unanswered >= 20 && summary.links_ended <= 1, "{summary:?}");
-    assert!(begin.elapsed() < Duration::from_secs(3), "{:?}", begin.elapsed());
+    let waited_for_each = Duration::from_millis(200) * summary.unanswered.try_into().unwrap();
+    assert!(begin.elapsed() < waited_for_each / 2, "{:?} of {waited_for_each:?}", begin.elapsed());
     drop(control);
     daemon.join().unwrap();
 }
@@ -460,7 +461,12 @@ fn real_time_keeps_its_deadlines_and_applies_corrections() {
     let summary = control.run_until(&mut IdealMachine, 0.5, &mut keep(&mut records)).unwrap();
     let took = begin.elapsed().as_secs_f64();
     assert_eq!(summary.cycles, 250);
-    assert!((0.49..2.0).contains(&took), "{took} s");
+    assert!(took > 0.49, "{took} s");
+    // 250 sleeps of a cycle each, the wake-ups late as everything is on this computer
+    let bare = Instant::now();
+    (0..250).for_each(|_| std::thread::sleep(Duration::from_millis(2)));
+    let bare = bare.elapsed().as_secs_f64();
+    assert!(took < 2.0 * bare, "{took} s, bare sleeps {bare} s");
     // a busy test machine may be late now and then, but the offset arrives
     assert!(summary.corrections > 100, "{summary:?}");
     assert_eq!(records.last().unwrap().applied[0], 1e-3);

@@ -3,6 +3,8 @@
 #![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test starts programs and writes files")]
 
+use std::os::unix::fs::MetadataExt as _;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output};
 use std::time::{Duration, Instant};
@@ -18,14 +20,15 @@ impl Drop for Running {
     }
 }
 
-/// The lines of the shell below a step, without comments behind them.
-fn commands(step: &str) -> Vec<String> {
+/// The lines of all shells below a step, without comments behind them.
+fn commands(step: usize) -> Vec<String> {
     let page = std::fs::read_to_string(root().join("docs/tutorial/first-run.md")).unwrap();
     let section = page.split("## Steps").nth(1).unwrap().split("\n## ").next().unwrap();
-    let step = section.split(&format!("\n{step}. ")).nth(1).expect("the step");
-    let block = step.split("```sh\n").nth(1).unwrap().split("```").next().unwrap();
-    block
-        .lines()
+    let step_on = section.split(&format!("\n{step}. ")).nth(1).expect("the step");
+    let step = step_on.split(&format!("\n{}. ", step + 1)).next().unwrap();
+    let blocks = step.split("```sh\n").skip(1).map(|block| block.split("```").next().unwrap());
+    blocks
+        .flat_map(str::lines)
         .map(|l| l.split("  #").next().unwrap().trim().to_owned())
         .filter(|l| !l.is_empty())
         .collect()
@@ -35,26 +38,41 @@ pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-/// A directory with what a clone has in it, and the programs on the path.
+/// The user `nobody`: a tutorial needs no rights, and the tests may run as root.
+const NOBODY: u32 = 65_534;
+
+/// A directory with what a clone has in it, and the programs on the path of an ordinary user.
 pub(crate) struct Clone {
     pub(crate) folder: tempfile::TempDir,
     port: u16,
+    as_root: bool,
 }
 
 impl Clone {
     pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        std::os::unix::fs::symlink(root().join("config"), folder.path().join("config")).unwrap();
         let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-        Self { port: free.local_addr().unwrap().port(), folder }
+        let as_root = folder.path().metadata().unwrap().uid() == 0;
+        let clone = Self { port: free.local_addr().unwrap().port(), folder, as_root: false };
+        let programs = Path::new(env!("CARGO_BIN_EXE_cncsim")).parent().unwrap().display();
+        // copies: the clone itself may lie where others may not look
+        clone.run(&format!("cp -r {}/config .", root().display()));
+        clone.run(&format!("mkdir bin && cp {programs}/cncsim {programs}/volcomp {programs}/volcompd bin"));
+        if as_root {
+            clone.run(&format!("chown -R {NOBODY}:{NOBODY} ."));
+        }
+        Self { as_root, ..clone }
     }
 
     fn shell(&self, line: &str) -> Command {
-        let programs = Path::new(env!("CARGO_BIN_EXE_cncsim")).parent().unwrap().to_owned();
-        let path = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
+        let folder = self.folder.path();
+        let path = format!("{}/bin:{}", folder.display(), std::env::var("PATH").unwrap());
         let mut command = Command::new("sh");
         // a process of its own, so that it can be killed
-        command.args(["-c", line]).current_dir(self.folder.path()).env("PATH", path);
+        command.args(["-c", line]).current_dir(folder).env("PATH", path);
+        if self.as_root {
+            command.uid(NOBODY).gid(NOBODY);
+        }
         command
     }
 
@@ -78,12 +96,12 @@ impl Clone {
 fn the_three_steps_lead_to_a_compensated_machine() {
     let _processors = crate::processors();
     let clone = Clone::new();
-    for line in commands("1").iter().chain(&commands("2")).filter(|line| !line.starts_with("cargo ")) {
+    for line in commands(1).iter().chain(&commands(2)) {
         clone.run(line);
     }
     let mut running = Vec::new();
     let mut status = String::new();
-    for line in commands("3") {
+    for line in commands(3) {
         if line.starts_with("cncsim serve") {
             // the control's usual port may be in use here
             running.push(clone.start(&format!("{line} --listen 127.0.0.1:{}", clone.port)));

@@ -5,6 +5,7 @@
 
 use std::io::{BufRead as _, BufReader};
 use std::net::TcpListener;
+use std::os::unix::net::UnixListener;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
@@ -74,7 +75,14 @@ fn a_machine_file_is_enough_to_measure_before_and_after() {
     let _alone = crate::processors();
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    files(at, &port(), "on-connect");
+    // a daemon works with this file already: its control's port and its status socket are taken
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    files(at, &taken.local_addr().unwrap().to_string(), "on-connect");
+    let socket = at.join("taken.sock");
+    let _listening = UnixListener::bind(&socket).unwrap();
+    let file = std::fs::read_to_string(at.join("machine.toml")).unwrap();
+    let socket = format!("socket = \"{}\"", socket.display());
+    std::fs::write(at.join("machine.toml"), file.replace("socket = \"\"", &socket)).unwrap();
     for axis in ["x", "z"] {
         let more = ["--axis", axis, "--cycles", "3", "--targets", "11"];
         measure(at, "positioning", "before", None, &more);
@@ -88,6 +96,16 @@ fn a_machine_file_is_enough_to_measure_before_and_after() {
     let box_of = ["--low-mm", "50,50,-450", "--box-mm", "700,400,400", "--steps", "6", "--cycles", "2"];
     measure(at, "diagonals", "before", None, &box_of);
     measure(at, "diagonals", "after", Some("machine.toml"), &box_of);
+    // each file says what was measured
+    for (folder, how) in [
+        ("before", "# without compensation, machine vmc-850"),
+        ("after", "# through the control of machine.toml"),
+    ] {
+        for file in ["positioning-x.csv", "diagonals.csv"] {
+            let text = std::fs::read_to_string(at.join(folder).join(file)).unwrap();
+            assert_eq!(text.lines().next(), Some(how), "{folder}/{file}");
+        }
+    }
     let report = verify(at, "diagonals.csv", &[]);
     assert!(reduction(&report) > 0.7, "{report}");
     for what in ["ballbar", "circle"] {
@@ -102,12 +120,24 @@ fn a_machine_file_is_enough_to_measure_before_and_after() {
 #[test]
 fn a_daemon_that_does_not_compensate_is_told() {
     let folder = tempfile::tempdir().unwrap();
-    files(folder.path(), &port(), "on-request");
     let args = ["measure", "positioning", "--out", ".", "--through", "machine.toml"];
-    let out = cncsim(folder.path(), &args);
-    assert_eq!(out.status.code(), Some(74));
-    let message = String::from_utf8_lossy(&out.stderr).into_owned();
-    assert!(message.contains("start = \"on-connect\""), "{message}");
+    let message = || {
+        let out = cncsim(folder.path(), &args);
+        assert_eq!(out.status.code(), Some(74));
+        String::from_utf8_lossy(&out.stderr).into_owned()
+    };
+    // the key is read before anything is started
+    files(folder.path(), &port(), "on-command");
+    let said = message();
+    assert!(said.contains("[engine] start is \"on-command\"; it must be \"on-connect\""), "{said}");
+    assert!(!folder.path().join("volcompd.log").exists());
+    // what speaks against the model is the daemon's to say, not a key that is as it should be
+    files(folder.path(), &port(), "on-connect");
+    let model = MODEL_FILE.replace("expiry = 2027", "expiry = 2020");
+    std::fs::write(folder.path().join("model.toml"), model).unwrap();
+    let said = message();
+    assert!(said.contains("does not compensate: ") && said.contains("its log: "), "{said}");
+    assert!(said.contains("expired") && !said.contains("on-connect"), "{said}");
     let out = cncsim(folder.path(), &["measure", "circle", "--out", ".", "--through", &port()]);
     assert_eq!(out.status.code(), Some(74));
     let message = String::from_utf8_lossy(&out.stderr).into_owned();

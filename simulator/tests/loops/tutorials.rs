@@ -5,22 +5,41 @@
 
 use crate::first_run::{Clone, root};
 
-/// Runs the `sh` blocks of a page; returns what the last command of each printed, and the clone.
+/// Runs the `sh` blocks of a page, whose `text` blocks must be what the block before prints; returns what each printed,
+/// and the clone.
 fn follow(page: &str) -> (Vec<String>, Clone) {
     let text = std::fs::read_to_string(root().join("docs/tutorial").join(page)).unwrap();
-    let blocks: Vec<&str> =
-        text.split("```sh\n").skip(1).map(|b| b.split("```").next().expect("an end")).collect();
-    assert!(blocks.len() >= 4, "{page}: {} blocks", blocks.len());
     let clone = Clone::new();
-    let mut said = Vec::new();
-    for block in blocks {
-        let output = clone.run(&format!("set -e\n{block}"));
-        said.push(String::from_utf8(output.stdout).unwrap());
-        if block.contains("cp config/examples") {
-            clone.move_port("mill/machine.toml");
+    let mut said: Vec<String> = Vec::new();
+    for block in text.split("```").skip(1).step_by(2) {
+        if let Some(block) = block.strip_prefix("sh\n") {
+            let output = clone.run(&format!("set -e\n{block}"));
+            said.push(String::from_utf8(output.stdout).unwrap());
+        } else if let Some(block) = block.strip_prefix("text\n") {
+            let printed = said.last().expect("a command above");
+            for line in block.lines() {
+                assert!(
+                    printed.lines().any(|p| is_shown(line, p)),
+                    "{page}: {line}\nis not printed:\n{printed}"
+                );
+            }
         }
     }
+    assert!(said.len() >= 4, "{page}: {} blocks", said.len());
     (said, clone)
+}
+
+/// True where a page's line is a printed one: the same words, numbers to 2 %, up to the `..` that leaves the rest out.
+fn is_shown(page: &str, printed: &str) -> bool {
+    let open = page.trim_end().ends_with("..");
+    let shown: Vec<&str> = page.trim_end().trim_end_matches("..").split_whitespace().collect();
+    let printed: Vec<&str> = printed.split_whitespace().collect();
+    let same = |(a, b): (&&str, &&str)| match (a.parse::<f64>(), b.parse::<f64>()) {
+        (Ok(a), Ok(b)) => (a - b).abs() <= 0.02 * b.abs() + 0.011,
+        _ => a == b,
+    };
+    (if open { shown.len() <= printed.len() } else { shown.len() == printed.len() })
+        && shown.iter().zip(&printed).all(same)
 }
 
 #[test]

@@ -12,6 +12,7 @@ pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{Size, kinds_of};
 use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json};
 use super::input::{self, InputKind};
+use super::numerals::micro;
 use super::quantities::{offset_out, offset_unit};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config as config;
@@ -29,6 +30,9 @@ pub(super) struct Args {
     /// Machine files (volcomp-machine/1) and model files (volcomp-model/1)
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
+    /// List what deviates from the datum and reference-line convention
+    #[arg(long)]
+    verbose: bool,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
@@ -42,7 +46,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         serde_json::to_string_pretty(&report).map_err(|e| Failure::new(EX_SOFTWARE, e))? + "\n"
     } else {
         let right = outcomes.iter().filter(|o| o.problem.is_none());
-        right.filter_map(|o| Some(o.found.as_ref()?.as_text(&o.file) + "\n")).collect()
+        right.filter_map(|o| Some(o.found.as_ref()?.as_text(&o.file, args.verbose) + "\n")).collect()
     };
     super::exit::print(&report)?;
     let problems: Vec<&Problem> = outcomes.iter().filter_map(|o| o.problem.as_ref()).collect();
@@ -199,7 +203,7 @@ fn look_at_model(
         wrong @ Problem::Config(_) => wrong,
     })?;
     let mut model = config::model::parse_file(&named.display().to_string(), &model_text)?;
-    let fates = with_additions(path, machine, &mut model).map_err(|e| {
+    let fates = with_additions(path, machine, (&mut model, &model_text)).map_err(|e| {
         let code = if e.is_io() { EX_IOERR } else { EX_CONFIG };
         Problem::from(Failure::new(code, e))
     })?;
@@ -251,21 +255,21 @@ fn mistakes_at(file: &str, text: &str, found: Vec<(Vec<String>, String, String)>
 }
 
 impl Found {
-    fn as_text(&self, file: &str) -> String {
+    fn as_text(&self, file: &str, details: bool) -> String {
         let mut lines = vec![format!("{file}: ok")];
         match self {
-            Self::Model(model) => describe_model(&mut lines, model),
+            Self::Model(model) => describe_model(&mut lines, model, details),
             Self::Machine { machine, model, fates } => {
                 describe_machine(&mut lines, machine);
                 if let Some(model) = model {
-                    lines.push(format!("  model {}", machine.model.display()));
-                    describe_model(&mut lines, model);
-                    lines.extend(fates.iter().map(|(effect, fate)| format!("  addition {effect}: {fate}")));
                     lines.extend(machine_notes(machine, model).into_iter().map(|n| format!("  note: {n}")));
+                    lines.push(format!("  model {}", machine.model.display()));
+                    describe_model(&mut lines, model, details);
+                    lines.extend(fates.iter().map(|(effect, fate)| format!("  addition {effect}: {fate}")));
                 }
             }
         }
-        lines.join("\n")
+        lines.iter().map(|line| micro(line)).collect::<Vec<_>>().join("\n")
     }
 
     fn as_json(&self) -> Value {
@@ -327,15 +331,15 @@ mod tests {
         write(dir.path(), "model.toml", MODEL);
         let outcome = Outcome::of(&write(dir.path(), "machine.toml", &machine("m", "model.toml")));
         assert!(outcome.problem.is_none());
-        let text = outcome.found.unwrap().as_text("machine.toml");
+        let text = outcome.found.unwrap().as_text("machine.toml", false);
         for part in [
             "machine.toml: ok",
-            "axis X: offset up to 50 um, warning at 40 um",
+            "axis X: offset up to 50 µm, warning at 40 µm",
             "chain [w b X Y t]",
-            "exx  table  0 to 400 mm    0.00    80.00  80.00  um",
+            "exx  table  0 to 400 mm    0.00    80.00  80.00  µm",
             "note: axis Y is in the chain but has no [axes.y]: it is never offset",
             "note: EXX covers 0 to 400 mm of the travel 0 to 500 mm",
-            "note: EXX alone reaches 80 um, above the limit of 50 um of axis X",
+            "note: EXX alone reaches 80.00 µm, above the limit of 50 µm of axis X",
             "note: axis Y has no travel",
         ] {
             assert!(text.contains(part), "{part} not in\n{text}");

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use crate::identity;
 use crate::model::gauge;
 use crate::model::report::{axis_words, errors};
+use crate::numerals::plain;
 use crate::quantities::{
     error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };
@@ -35,7 +36,7 @@ pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig)
     }
 }
 
-pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
+pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile, details: bool) {
     let model = &file.spec;
     lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
     let axes = model.chain.axes().iter();
@@ -53,7 +54,7 @@ pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
         lines.push(format!("  thermal {name}: {kind} from {} terms of {sensors}", thermal.terms()));
     }
     lines.extend(model_notes(file).into_iter().map(|n| format!("  note: {n}")));
-    lines.extend(gauge::lines(model).into_iter().map(|l| format!("  {l}")));
+    lines.extend(gauge::lines(model, details).into_iter().map(|l| format!("  {l}")));
 }
 
 /// The sensors of a growth, each once.
@@ -169,6 +170,7 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
             names.join(", ")
         ));
     }
+    let mut cut_off = Vec::new();
     for axis in &machine.axes {
         let terms = model.errors.iter().filter(|(s, _)| s.axis() == axis.name && !s.is_angle());
         let transient = terms.flat_map(|(_, f)| &f.dynamics).filter(|d| d.law.is_transient());
@@ -195,15 +197,16 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
             let largest = size.low.abs().max(size.high.abs());
             let limit = offset_out(axis.name, axis.limits.size);
             if largest > limit {
-                out.push(format!(
-                    "{symbol} alone reaches {largest} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
+                cut_off.push(format!(
+                    "{symbol} alone reaches {} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
+                    plain(largest, 2),
                     axis.name,
                     unit = size.unit
                 ));
             }
         }
     }
-    out
+    [cut_off, out].concat()
 }
 
 /// What is allowed but worth knowing about a model.

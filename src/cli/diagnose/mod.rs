@@ -20,16 +20,17 @@ use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{read_addition, same_machine};
 use super::arg_parsers::axis_letter;
-use super::files::{read_model, write_text};
+use super::files::{read_hashed_model, write_text};
 use super::{EX_DATAERR, Failure, exit};
 use volcomp_diagnose::library::{Label, Without};
-use volcomp_diagnose::session::{Raw, Session};
+use volcomp_diagnose::session::{Note, Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
-use volcomp_effects::addition::Addition;
-use volcomp_effects::machine_state::Machine;
+use volcomp_effects::addition::{Addition, Base};
+use volcomp_effects::machine_state::{Machine, MachineAxis};
 use volcomp_effects::prediction::machine_of;
 use volcomp_model::Model;
 use volcomp_units::axes::AxisName;
+use volcomp_units::deg_from_rad;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
 ///
@@ -132,12 +133,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(name) = &args.list_effects {
         return text_report::list_effects(name);
     }
-    let model = args.model.as_deref().map(read_model).transpose()?;
+    let model = args.model.as_deref().map(read_hashed_model).transpose()?;
     let additions = args.add.iter().map(|p| read_addition(p)).collect::<Result<Vec<_>, _>>()?;
-    let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model)| machine_of(spec, model));
+    let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model, _)| machine_of(spec, model));
     let mut bar = Bar::new();
     bar.report(0.0, "reading");
-    let (spec, model) = model.unzip();
+    let base = args.model.as_ref().zip(model.as_ref());
+    let base = base.map(|(path, (.., hash))| Base { file: path.display().to_string(), hash: hash.clone() });
+    let (spec, model) = model.map(|(spec, model, _)| (spec, model)).unzip();
     for (path, addition) in args.add.iter().zip(&additions) {
         if let Some(model) = &model {
             same_machine(path, addition, model)?;
@@ -169,7 +172,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ablation: args.ablate.unwrap_or_default(),
         dialect: args.dialect,
     };
-    let found = diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.report(share, what));
+    let mut found =
+        diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.report(share, what));
+    found.addition.base = base;
     bar.end();
     let json = serde_json::to_string_pretty(&found.report)
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: report.json: {e}")))?;
@@ -224,12 +229,34 @@ fn load(
     let stated = detected.len();
     session.notes.splice(0..0, detected);
     session.notes.extend(notes);
+    session.notes.extend(outside_travel(&session, machine));
     input::chain(&mut session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
     if model.is_some() || !additions.is_empty() {
         predict(&mut session, model, additions)
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
     }
     Ok((session, rotary, stated))
+}
+
+/// Share of the travel by which positions may lie outside it.
+const OUTSIDE: f64 = 0.01;
+
+/// Axes whose positions leave the travel that the model states: probably it is the model of another machine.
+fn outside_travel(session: &Session, machine: &Machine) -> Vec<Note> {
+    let leaves = |a: &MachineAxis| {
+        let (unit, scale) = if a.axis.is_linear() { ("mm", 1.0) } else { ("deg", deg_from_rad(1.0)) };
+        let [low, high] = a.travel?.map(|v| scale * v);
+        let [from, to] = ideal::travel(session, a.axis)?.map(|v| scale * v);
+        let allowed = OUTSIDE * (high - low);
+        (from < low - allowed || to > high + allowed).then(|| {
+            Note::new(format!(
+                "{} runs from {from:.1} to {to:.1} {unit}, the travel of the model is {low:.1} to {high:.1} {unit}: is it the model of \
+                 this machine?",
+                a.axis.to_string().to_uppercase(),
+            ))
+        })
+    };
+    machine.axes.iter().filter_map(leaves).collect()
 }
 
 /// An axis letter of `--only` or `--axis`.

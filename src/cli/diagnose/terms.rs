@@ -6,11 +6,13 @@ use volcomp_diagnose::library::{Effect, Kind};
 use volcomp_diagnose::report::{Cause, Value, Verdict};
 use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
-use volcomp_effects::unit_of;
+use volcomp_effects::{squareness_symbol, unit_of};
 use volcomp_model::{Chain, ModelSpec};
 
 /// Coverage factor of all uncertainties shown.
 pub(super) const COVERAGE: f64 = 2.0;
+/// An effect of at most this share of the gap, both RMS, needs no remedy.
+const NEGLIGIBLE: f64 = 0.05;
 
 /// Name of an effect with its subject: `reversal error (backlash) of X`.
 pub(super) fn name(effect: &str, subject: &str) -> String {
@@ -75,7 +77,8 @@ fn is_coefficient(name: &str) -> bool {
     })
 }
 
-/// Physical parameters of a cause with unit and expanded uncertainty (k = 2); coefficients of series are left out.
+/// Physical parameters of a cause with unit and expanded uncertainty (k = 2), the angle of a pair with the symbol and the sign of
+/// ISO 230-1; coefficients of series are left out.
 pub(super) fn parameters(cause: &Cause) -> Vec<String> {
     // what neither has a value nor an uncertainty was not seen
     let seen = |v: &Value| v.value != 0.0 || v.std > 0.0;
@@ -83,8 +86,11 @@ pub(super) fn parameters(cause: &Cause) -> Vec<String> {
     physical
         .map(|(name, v)| {
             let (stem, unit) = unit_of(name).unwrap_or((name, ""));
-            let mut text =
-                format!("{} {} {unit}", stem.trim_end_matches("_1").replace('_', " "), with_uncertainty(*v));
+            let symbol = squareness_symbol(&cause.subject).filter(|_| cause.effect == "squareness");
+            let (what, sign) = symbol
+                .map_or_else(|| (stem.trim_end_matches("_1").replace('_', " "), 1.0), |(s, k)| (s.into(), k));
+            let v = Value { value: sign * v.value, std: v.std };
+            let mut text = format!("{what} {} {unit}", with_uncertainty(v));
             if unit == "″" {
                 // 1 arcsec is 4.848 um/m
                 let um_per_m = Value { value: 4.848_136_8 * v.value, std: 4.848_136_8 * v.std };
@@ -146,6 +152,14 @@ impl Shares {
         }
     }
 
+    /// The causes in the order of their shares, largest first; those without one as they come, behind.
+    pub(super) fn sorted<'a>(&self, causes: impl Iterator<Item = &'a Cause>) -> Vec<&'a Cause> {
+        let share = |c: &Cause| self.cause(&c.label()).unwrap_or(f64::NEG_INFINITY);
+        let mut all: Vec<&Cause> = causes.collect();
+        all.sort_by(|a, b| share(b).total_cmp(&share(a)));
+        all
+    }
+
     /// Share of a cause, by its label.
     pub(super) fn cause(&self, label: &str) -> Option<f64> {
         self.causes.get(label).copied()
@@ -184,9 +198,15 @@ impl Compensable {
     }
 }
 
-/// What to do about an effect; empty where the catalogue has nothing.
-pub(super) fn remedy(effect: &str) -> &'static str {
-    Effect::find(effect).map_or("", |e| e.remedy)
+/// What to do about a cause, empty where the catalogue has nothing; nothing is asked for where the effect is a twentieth of the
+/// gap or less.
+pub(super) fn remedy(cause: &Cause, found: &Diagnosis) -> &'static str {
+    let label = cause.label();
+    let size = found.budget.corrections.iter().find(|x| x.label == label).map(|x| x.size_um.value);
+    if size.is_some_and(|s| s <= NEGLIGIBLE * found.budget.before.rms_um) {
+        return "significant, but negligible in this gap";
+    }
+    Effect::find(&cause.effect).map_or("", |e| e.remedy)
 }
 
 fn listed(names: &[String]) -> String {
@@ -201,7 +221,8 @@ fn listed(names: &[String]) -> String {
 pub(super) fn headline(found: &Diagnosis) -> String {
     let r = &found.report;
     let repeating = |c: &&Cause| c.declared && c.kind != Kind::Stochastic;
-    let names: Vec<String> = r.causes.iter().filter(repeating).map(|c| name(&c.effect, &c.subject)).collect();
+    let sorted = Shares::of(&found.budget).sorted(r.causes.iter().filter(repeating));
+    let names: Vec<String> = sorted.into_iter().map(|c| name(&c.effect, &c.subject)).collect();
     let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
     let s = &r.shrink;
     let after = format!(
@@ -233,11 +254,21 @@ pub(super) fn headline(found: &Diagnosis) -> String {
         Verdict::PartlyExplained => {
             let verb = if names.len() == 1 { "explains" } else { "explain" };
             capital(&format!(
-                "{} {verb} part of the gap of {gap} µm RMS; {after}, of which {} µm is unexplained.",
+                "{} {verb} part of the gap of {gap} µm RMS; {after}, of which {}.",
                 listed(&names),
-                um(found.budget.unexplained_um)
+                unexplained(found)
             ))
         }
+    }
+}
+
+/// The larger part of what no cause explains: a drift counts where the comparison of few readings says that it is one.
+fn unexplained(found: &Diagnosis) -> String {
+    let (r, b) = (&found.report, &found.budget);
+    if r.discrepancy_um.is_some() && b.drift_um > b.unexplained_um && r.unexplained.rms_um >= b.drift_um {
+        format!("{} µm is slow drift of unknown source", um(b.drift_um))
+    } else {
+        format!("{} µm is unexplained", um(b.unexplained_um))
     }
 }
 

@@ -133,12 +133,12 @@ pub(super) fn summary(
 fn table(found: &Diagnosis, compensable: &Compensable) {
     let r = &found.report;
     let shares = Shares::of(&found.budget);
-    let declared = || r.causes.iter().filter(|c| c.declared);
+    let declared = shares.sorted(r.causes.iter().filter(|c| c.declared));
     let others = || r.causes.iter().filter(|c| !c.declared).take(CANDIDATES);
-    if declared().next().is_some() {
+    if !declared.is_empty() {
         say!();
         say!("  {:NAME$} {:>15} {:>6}  {:>5}  remedy", "cause", "size, µm (k=2)", "share", "prob.");
-        for c in declared() {
+        for c in declared {
             let label = c.label();
             let size = found.budget.corrections.iter().find(|x| x.label == label);
             let size = size.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
@@ -147,7 +147,7 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
                 "  {:NAME$} {size:>15} {share:>6}  {:>5.2}  {}",
                 format!("{} ({label})", name(&c.effect, &c.subject)),
                 c.probability,
-                remedy(&c.effect)
+                remedy(c, found)
             );
             let mut values = parameters(c);
             if let (true, Some(v)) = (values.is_empty(), peak_to_valley(found, &label)) {

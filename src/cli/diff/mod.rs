@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use super::Failure;
 use super::files::{read_model_file, write_text};
+use super::numerals::micro;
 use super::progress::Steps;
 use super::report::Page;
 use super::report::page::Cell;
@@ -76,7 +77,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         json["same"] = same.into();
         super::exit::print(&format!("{json:#}\n"))?;
     } else {
-        super::exit::print(&(text_report::lines(&diff).join("\n") + "\n"))?;
+        super::exit::print(
+            &(text_report::lines(&diff).iter().map(|line| micro(line)).collect::<Vec<_>>().join("\n") + "\n"),
+        )?;
     }
     if same { Ok(()) } else { Err(Failure::new(DIFFERENT, "")) }
 }

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
-use super::{CompareOptions, Compared, Figures, Output, assess, put_before, side_by_side, values};
+use super::{CompareOptions, Compared, Figures, Output, assess, is_flat, put_before, side_by_side, values};
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
@@ -202,7 +202,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             say!("ISO 230-4 of {file}: {}", counted(after.readings.len(), "reading"));
             page::figures("um", &judged.figures, old.as_deref()).print();
             let [x, y] = after.result.centre.map(um_from_mm);
-            say!("centre taken out  {}, {} um", plain(x, 1), plain(y, 1));
+            say!("centre taken out  {}, {} µm", plain(x, 1), plain(y, 1));
         },
     )
 }
@@ -285,17 +285,28 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     let read = |path: &Path| read(path, centring, options.feed_mm_per_min, None, u);
     let [before, after] = [read(files[0])?, read(files[1])?];
     let shown = [&before, &after].map(|test| test.shown(options.plane, options.radius_mm));
-    let plot = |one: &Shown<'_>| drawing::single(one, drawing::scale(&shown));
+    let common = drawing::scale(&shown);
+    let own = drawing::scale(&shown[1..]);
+    let mut plots = vec![
+        ("Before", drawing::single(&shown[0], common)?),
+        ("After, same scale", drawing::single(&shown[1], common)?),
+    ];
+    if is_flat([0.0, own], [0.0, common]) {
+        plots.push(("After, own scale", drawing::single(&shown[1], own)?));
+    }
+    let figures = side_by_side(
+        [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, test.uncertainties)),
+    );
     Ok(Compared {
         test: "iso230-4",
         standard: STANDARD,
         keys: keys(),
         stated: Stated { feed_mm_per_min: after.feed, ..Stated::default() },
         unit: "µm",
-        figures: side_by_side(
-            [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, test.uncertainties)),
-        ),
-        plots: vec![("Before", plot(&shown[0])?), ("After, same scale", plot(&shown[1])?)],
+        expanded: figures.iter().map(|two| two.each_ref().map(|f| f.expanded)).collect(),
+        figures,
+        about: [", about the fitted centre", ", about the nominal circle at the fitted centre"],
+        plots,
         caption: "Radial deviations about the common centre, magnified; the heavy circle is the nominal path.",
         readings: [placed(&before), placed(&after)],
         is_repeated: false,

@@ -6,9 +6,11 @@ use serde_json::{Map, Value, json};
 
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
-use super::positioning::{as_json, length, stated, table as each_direction};
+use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
 use super::uncertainty_args::UncertaintyArgs;
-use super::{CompareOptions, Compared, Figures, Output, change, percent, put_before, show, side_by_side};
+use super::{
+    CompareOptions, Compared, Figures, Output, change, is_flat, percent, put_before, show, side_by_side,
+};
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
@@ -253,26 +255,39 @@ fn each(page: &mut Page, after: &Evaluated, before: Option<&Evaluated>) {
     Table::new(heads).rows(rows).put(page);
 }
 
+/// The test with each diagonal about its mean: the zero of the interferometer belongs to its set-up.
+fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated, Failure> {
+    let about = |(d, r): &(Diagonal, PositioningReading)| {
+        let own = of(&test, *d);
+        let mean = own.iter().map(|r| r.deviation).sum::<f64>() / own.len().max(1) as f64;
+        (*d, PositioningReading { deviation: r.deviation - mean, ..*r })
+    };
+    let readings: Vec<_> = test.readings.iter().map(about).collect();
+    let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
+    Ok(Evaluated { readings, result })
+}
+
 /// Two tests for `volcomp verify`.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+    let read = |path: &Path| about_means(path, read(path)?);
     let [before, after] = [read(files[0])?, read(files[1])?];
-    let y = scale(&after, Some(&before));
+    let (y, own) = (scale(&after, Some(&before)), scale(&after, None));
+    let mut plots = vec![("Before", plot(&before, y)?), ("After, same scale", plot(&after, y)?)];
+    if is_flat(own, y) {
+        plots.push(("After, own scale", plot(&after, own)?));
+    }
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     let placed = |test: &Evaluated| -> Vec<Placed> {
         let curve =
             |d: Diagonal| test.result.diagonals.iter().position(|(other, _)| *other == d).unwrap_or(0);
-        let own_mean = |d: Diagonal| {
-            let own = of(test, d);
-            own.iter().map(|r| r.deviation).sum::<f64>() / own.len().max(1) as f64
-        };
-        // the zero of the interferometer belongs to its set-up
-        let zeros: Vec<f64> = test.result.diagonals.iter().map(|(d, _)| own_mean(*d)).collect();
-        let about_zero = |d: Diagonal, r: &PositioningReading| {
-            let k = curve(d);
-            let deviation = r.deviation - zeros.get(k).copied().unwrap_or(0.0);
-            super::positioning::placed(k as u32, &PositioningReading { deviation, ..*r })
-        };
-        test.readings.iter().map(|(d, r)| about_zero(*d, r)).collect()
+        test.readings.iter().map(|(d, r)| super::positioning::placed(curve(*d) as u32, r)).collect()
+    };
+    let of_worst = |(key, _, get): &(&str, _, _)| {
+        [&before, &after].map(|test| {
+            let (worst, _) = test.result.worst(get)?;
+            let (_, p) = test.result.diagonals.iter().find(|(d, _)| *d == worst)?;
+            whole_uncertainty(&Uncertainties::of(p, &conditions, length(p)), key.trim_end_matches("_um"))
+        })
     };
     Ok(Compared {
         test: "iso230-6",
@@ -283,12 +298,15 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         figures: side_by_side(
             [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, &conditions)),
         ),
-        plots: vec![("Before", plot(&before, y)?), ("After, same scale", plot(&after, y)?)],
+        expanded: WORST.iter().map(of_worst).collect(),
+        about: [", each diagonal about its mean"; 2],
+        plots,
         caption: "Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, dots: readings.",
         readings: [placed(&before), placed(&after)],
         is_repeated: true,
         notes: vec![
-            "Range and RMS are those of all four diagonals, each about its mean: the zero of each belongs to the set-up."
+            "Range and RMS are those of all four diagonals, each about its mean, and so they are drawn: the zero of each belongs to \
+             the set-up."
                 .to_owned(),
         ],
     })

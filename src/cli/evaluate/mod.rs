@@ -148,6 +148,10 @@ pub(crate) struct Compared {
     pub(crate) unit: &'static str,
     /// Its figures, before and after.
     pub(crate) figures: Vec<[Assessed; 2]>,
+    /// Their expanded uncertainties (k = 2) by few runs and, where stated, the instrument; none where they are not computed.
+    pub(crate) expanded: Vec<[Option<f64>; 2]>,
+    /// What the deviations of range and RMS are taken about.
+    pub(crate) about: [&'static str; 2],
     /// Plots at one scale: heading and picture.
     pub(crate) plots: Vec<(&'static str, String)>,
     /// What the plots show.
@@ -181,10 +185,20 @@ pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Opti
             Kind::Positioning => positioning::compare(files, options).map(Some),
             Kind::Circle => circular::compare(files, options).map(Some),
             Kind::Diagonals => diagonals::compare(files, options).map(Some),
+            Kind::Motions => Ok(None),
         },
+        [Some(a), Some(b)] => {
+            let (a, b) = (a.words(), b.words());
+            Err(data!(files[1], "{} is {a}, this is {b}; compare two files of one test", files[0].display()))
+        }
         [None, None] => Ok(None),
-        _ => Err(data!(files[1], "not the same test as {}", files[0].display())),
+        [None, _] => Err(no_test(files[0])),
+        _ => Err(no_test(files[1])),
     }
+}
+
+fn no_test(path: &Path) -> Failure {
+    data!(path, "not a table of readings of a test; volcomp verify --help names the kinds of files")
 }
 
 /// A test by the columns of its file.
@@ -193,6 +207,18 @@ enum Kind {
     Positioning,
     Circle,
     Diagonals,
+    Motions,
+}
+
+impl Kind {
+    const fn words(self) -> &'static str {
+        match self {
+            Self::Positioning => "a positioning test (ISO 230-2)",
+            Self::Circle => "a circular test (ISO 230-4)",
+            Self::Diagonals => "a test of body diagonals (ISO 230-6)",
+            Self::Motions => "a run of error motions (ISO 230-1)",
+        }
+    }
 }
 
 fn kind(path: &Path) -> Result<Option<Kind>, Failure> {
@@ -208,6 +234,8 @@ fn kind(path: &Path) -> Result<Option<Kind>, Failure> {
         Some(Kind::Circle)
     } else if has("target_mm") || has("target_deg") {
         Some(Kind::Positioning)
+    } else if has("position_mm") {
+        Some(Kind::Motions)
     } else {
         None
     })
@@ -251,6 +279,14 @@ fn change(before: Option<f64>, after: Option<f64>) -> Option<f64> {
 /// A share in percent with its sign, none where it rounds to zero.
 fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| "-".to_owned(), |s| format!("{} %", signed(100.0 * s, 0)))
+}
+
+/// Share of the common scale below which a test is drawn at its own scale, too.
+const OWN_SCALE: f64 = 0.4;
+
+/// True where a plot at the common scale hides what is left.
+fn is_flat(own: [f64; 2], common: [f64; 2]) -> bool {
+    own[1] - own[0] < OWN_SCALE * (common[1] - common[0])
 }
 
 /// A value with two decimals, or a dash.

@@ -158,7 +158,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         || {
             say!("{}: {title}, {} places", args.output.data(&args.data).display(), plate.points.len());
             estimates(&fit).print();
-            quality(&fit).lines().iter().for_each(|line| say!("{}", line.replace('µ', "u")));
+            quality(&fit).print();
         },
     )
 }

@@ -7,7 +7,9 @@ use serde_json::{Map, Value, json};
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
-use super::{CompareOptions, Compared, Figures, Output, assess, put_before, show, side_by_side, values};
+use super::{
+    CompareOptions, Compared, Figures, Output, assess, is_flat, put_before, show, side_by_side, values,
+};
 use crate::Failure;
 use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
 use crate::acceptance::{Acceptance, Stated};
@@ -90,11 +92,38 @@ fn read(
     }
     let conditions = uncertainty.conditions(test.kind)?;
     let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
+    unit_note(path, test.kind, &readings);
+    uncertainty_note(path, &result, &uncertainties);
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
         note!("warning: {}:{}: {}; kept in the results", path.display(), m.line, words(m, test.kind));
     }
     Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up, stated })
+}
+
+/// Deviations that no machine tool keeps below, um; a column in mm that is named um looks so.
+const SMALLEST_UM: f64 = 0.1;
+
+/// States that the uncertainty leaves nothing of the result.
+fn uncertainty_note(path: &Path, result: &Positioning, u: &Uncertainties) {
+    let of_a = stated(u).into_iter().find(|(key, _)| *key == "a").map(|(_, u)| u);
+    if let Some((u, a)) = of_a.zip(result.both.map(|b| b.a)).filter(|(u, a)| u > a) {
+        note!(
+            "note: {}: the uncertainty of A, {u:.2}, is larger than A itself, {a:.2}: check the values of --u-device-um, .. (k = 2)",
+            path.display()
+        );
+    }
+}
+
+/// States that a test may be in another unit.
+fn unit_note(path: &Path, kind: AxisKind, readings: &[PositioningReading]) {
+    let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
+    if kind == AxisKind::Linear && largest < SMALLEST_UM {
+        note!(
+            "note: {}: no deviation exceeds {SMALLEST_UM} µm (largest {largest:.4} µm): is deviation_um in µm?",
+            path.display()
+        );
+    }
 }
 
 /// Range of the targets.
@@ -175,8 +204,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// How many of the figures belong to both directions.
 const BOTH: usize = 6;
-/// Share of the common scale below which a test is drawn at its own scale, too.
-const OWN_SCALE: f64 = 0.4;
 const STANDARD: &str = "Accuracy and repeatability of positioning, ISO 230-2:2014";
 
 /// Key, term of ISO 230-2:2014, and how a figure is taken from a test.
@@ -216,6 +243,12 @@ fn uncertain(u: &Uncertainties) -> Vec<(&'static str, &'static str, Expanded)> {
         out.extend(side.into_iter().flat_map(|s| keys.into_iter().zip(s).map(|((k, n), e)| (k, n, e))));
     }
     out
+}
+
+/// The expanded uncertainty (k = 2) of a figure, of the measurement and of few runs together.
+pub(super) fn whole(u: &Uncertainties, key: &str) -> Option<f64> {
+    let (.., e) = uncertain(u).into_iter().find(|(k, ..)| *k == key)?;
+    Some(e.measurement.hypot(e.sampling))
 }
 
 fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str) {
@@ -340,7 +373,7 @@ fn report(
         let [upper, lower] = [before, after].map(|test| plot(test, scale, drawing::HALF_HEIGHT));
         page.plots(&[("Before", upper?), ("After, same scale", lower?)], caption);
         // where the test improved much, its own scale shows what is left
-        if own[1] - own[0] < OWN_SCALE * (scale[1] - scale[0]) {
+        if is_flat(own, scale) {
             page.sheet("After, own scale");
             page.picture(&plot(after, own, drawing::HEIGHT)?);
         }
@@ -415,14 +448,22 @@ fn targets(page: &mut Page, p: &Positioning, unit: &str, target_unit: &str) {
 /// Two tests for `volcomp verify`.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
     let read = |path: &Path| read(path, TestFormat::Auto, None, &UncertaintyArgs::default());
-    let [before, mut after] = [read(files[0])?, read(files[1])?];
+    let [mut before, mut after] = [read(files[0])?, read(files[1])?];
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
-    after.uncertainties = Uncertainties::of(&after.result, &conditions, length(&after.result));
+    for test in [&mut before, &mut after] {
+        test.uncertainties = Uncertainties::of(&test.result, &conditions, length(&test.result));
+    }
     if before.kind != after.kind {
         return Err(data!(files[1], "one of the two tests is linear, the other rotary"));
     }
     let scale = common_scale([&before, &after]);
-    let plot = |test: &Evaluated| drawing::single(&test.shown(), scale, drawing::HEIGHT);
+    let plot = |test: &Evaluated, scale| drawing::single(&test.shown(), scale, drawing::HEIGHT);
+    let mut plots = vec![("Before", plot(&before, scale)?), ("After, same scale", plot(&after, scale)?)];
+    let own = drawing::scale([Some(&after.result)], [&after.readings[..]]);
+    if is_flat(own, scale) {
+        plots.push(("After, own scale", plot(&after, own)?));
+    }
+    let of_key = |(key, ..): &(&str, _, _)| [&before, &after].map(|test| whole(&test.uncertainties, key));
     let placed = |test: &Evaluated| test.readings.iter().map(|r| placed(0, r)).collect();
     Ok(Compared {
         test: "iso230-2",
@@ -431,7 +472,9 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         stated: after.stated.clone(),
         unit: after.units().1,
         figures: side_by_side([&before, &after].map(|test| assessed(&Acceptance::default(), test))),
-        plots: vec![("Before", plot(&before)?), ("After, same scale", plot(&after)?)],
+        expanded: FIGURES.iter().map(of_key).collect(),
+        about: ["", ", about zero"],
+        plots,
         caption: "Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both directions.",
         readings: [placed(&before), placed(&after)],
         is_repeated: true,

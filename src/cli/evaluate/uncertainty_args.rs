@@ -6,33 +6,33 @@ use volcomp_units::axes::AxisKind;
 
 /// What is known about the measurement; gives expanded uncertainties (k = 2).
 #[derive(Debug, Default, clap::Args)]
-#[command(next_help_heading = "Uncertainty of the measurement (k = 2)")]
+#[command(next_help_heading = "Uncertainty of the measurement (figures are given with k = 2)")]
 pub(super) struct UncertaintyArgs {
-    /// Instrument, from its certificate, um.
+    /// Expanded uncertainty (k = 2) of the instrument, as on its certificate.
     #[arg(long, value_name = "UM")]
     u_device_um: Option<f64>,
-    /// Instrument on a rotary axis, arcsec.
+    /// Expanded uncertainty (k = 2) of the instrument on a rotary axis.
     #[arg(long, value_name = "ARCSEC", conflicts_with = "u_device_um")]
     u_device_arcsec: Option<f64>,
-    /// The part of the instrument that grows with length, um per metre.
+    /// Expanded uncertainty (k = 2) of the instrument that grows with length, um per metre.
     #[arg(long, value_name = "UM")]
     u_device_um_per_m: Option<f64>,
-    /// Largest offset between beam and axis over the travel, mm.
+    /// Largest offset between beam and axis over the travel.
     #[arg(long, value_name = "MM")]
     misalignment_mm: Option<f64>,
-    /// Uncertainty of the material temperature, degC; needs --expansion-um-per-m-degc.
+    /// Expanded uncertainty (k = 2) of the material temperature; needs --expansion-um-per-m-degc.
     #[arg(long, value_name = "DEGC", requires = "expansion_um_per_m_degc")]
     u_temperature_degc: Option<f64>,
     /// Coefficient of thermal expansion of the scale, um/(m degC).
     #[arg(long, value_name = "ALPHA")]
     expansion_um_per_m_degc: Option<f64>,
-    /// Uncertainty of that coefficient, um/(m degC); needs --temperature-degc.
+    /// Expanded uncertainty (k = 2) of that coefficient, um/(m degC); needs --temperature-degc.
     #[arg(long, value_name = "ALPHA", requires = "temperature_degc")]
     u_expansion_um_per_m_degc: Option<f64>,
-    /// Temperature of the material during the test, degC.
+    /// Temperature of the material during the test.
     #[arg(long, value_name = "DEGC")]
     temperature_degc: Option<f64>,
-    /// Range of the reading of a resting axis over the time of the test, um.
+    /// Range (largest minus smallest) of the reading of a resting axis over the time of the test.
     #[arg(long, value_name = "UM")]
     drift_um: Option<f64>,
     /// The same for a rotary axis, arcsec.

@@ -88,8 +88,8 @@ pub(super) fn page(fitted: &[Fitted]) -> Svg {
         page.heading(format_args!("{}: {}{order}", f.symbol, f.fit.basis.name()));
         let show = |v: Option<f64>| format!("{} {unit}", or_dash(v.map(of_value), 4));
         let cells = [
-            ("n", figures.n.to_string()),
-            ("m", figures.m.to_string()),
+            ("readings", figures.n.to_string()),
+            ("numbers of the curve", figures.m.to_string()),
             ("rmse", show(figures.rmse_dof)),
             ("largest", show(Some(figures.e_max))),
             ("left out", show(figures.position_rmse)),

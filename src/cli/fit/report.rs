@@ -233,6 +233,7 @@ pub(crate) fn table(fitted: &[Fitted]) -> String {
             "{symbol:<7}{basis:<11}{order:>6}{period:>10}{n:>6}{m:>4}{raw:>11}{rmse:>11}{largest:>11}{left_out:>11}{repeatable:>15}  {unit}\n"
         ));
     }
+    text.push_str("n: readings; m: numbers of the curve\n");
     text
 }
 

@@ -5,7 +5,7 @@ use std::io::BufRead;
 use std::path::Path;
 
 use crate::positioning_data::no_rows;
-use crate::table::{self, Table, nearest};
+use crate::table::{self, Table, nearest, other_unit};
 use crate::{Failure, Result};
 use volcomp_identify::Reading;
 use volcomp_model::geometry::Vec3;
@@ -35,10 +35,9 @@ pub(crate) struct Columns {
 
 /// The name that is most like this one, or else `columns`.
 pub(crate) fn hint(name: &str, names: &[String], columns: impl core::fmt::Display) -> String {
-    match nearest(name, names.iter().map(String::as_str)) {
-        Some(near) => format!("is {near} meant?"),
-        None => format!("columns are {columns}"),
-    }
+    let of_other_unit = names.iter().find_map(|known| other_unit(name, known));
+    let near = || nearest(name, names.iter().map(String::as_str)).map(|near| format!("is {near} meant?"));
+    of_other_unit.or_else(near).unwrap_or_else(|| format!("columns are {columns}"))
 }
 
 /// Opens a table.

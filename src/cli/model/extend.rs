@@ -7,7 +7,9 @@ use super::forecast::Forecast;
 use crate::acceptance::file_name;
 use crate::additions::read_addition;
 use crate::files::write_text;
+use crate::input::{InputKind, read_text};
 use volcomp_config as config;
+use volcomp_effects::addition::Twice;
 use volcomp_effects::extend::{Fate, extend};
 
 /// Put effects that `volcomp diagnose` has found into a model, so that volcompd takes them out
@@ -22,7 +24,7 @@ use volcomp_effects::extend::{Fate, extend};
 ///   volcomp model extend --model model.toml --add diagnosis/addition.toml --out better.toml
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
-    /// The model beside which the effects were found (volcomp-model/1)
+    /// The model with which the effects were found (volcomp-model/1)
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
     /// An addition (volcomp-addition/1); may be repeated
@@ -34,13 +36,18 @@ pub(super) struct Args {
     /// Where to write the model; - is stdout
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
+    /// Add effects that were found with another model; terms that the model has already stay single
+    #[arg(long)]
+    force: bool,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let mut model = super::load(&args.model)?;
+    let text = read_text(&args.model, InputKind::Model)?;
+    let mut model = config::model::parse_file(&args.model.display().to_string(), &text)?;
+    let hash = blake3::hash(text.as_bytes()).to_hex();
     let mut fates: Vec<(String, Fate)> = Vec::new();
     for path in &args.add {
         let addition = read_addition(path)?;
@@ -50,12 +57,26 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         if !beside_none {
             addition.is_of(&model.spec.machine).map_err(|e| mistake!(path, "{e}"))?;
         }
+        let twice = |e: Twice| {
+            let model = args.model.display();
+            let force = match e {
+                Twice::OtherBase { .. } => "to add it all the same",
+                Twice::Held { .. } => "to add its other effects",
+            };
+            mistake!(path, "{e}; diagnose again with --model {model}, or state --force {force}")
+        };
+        if !args.force {
+            addition.is_beside(&hash).map_err(twice)?;
+        }
         let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| {
             Failure::new(
                 EX_CONFIG,
                 format_args!("error: {} with {}: {e}", args.model.display(), path.display()),
             )
         })?;
+        if !args.force {
+            extended.is_new().map_err(twice)?;
+        }
         (model.spec, model.thermal) = (extended.spec, extended.thermal);
         fates.extend(extended.fates);
     }

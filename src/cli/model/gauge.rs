@@ -1,4 +1,4 @@
-//! The gauge report of `check` and `model`: what the normal form would remove, and where it would go.
+//! The report of `check` and `model` on datums and reference lines: what the normal form would remove, and where it would go.
 
 use serde_json::{Value, json};
 
@@ -10,27 +10,42 @@ use volcomp_model::spec::ModelSpec;
 use volcomp_model::{ErrorFunction, ErrorSymbol};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
-/// The report in lines, without indentation of its own heading.
-pub(crate) fn lines(model: &ModelSpec) -> Vec<String> {
+/// The gauge by the name that a person knows.
+const CONVENTION: &str = "datum and reference-line convention";
+
+/// The report in lines, without indentation of its own heading; without `details` in one.
+pub(crate) fn lines(model: &ModelSpec, details: bool) -> Vec<String> {
     let gauged = match normalise(model) {
         Ok(gauged) => gauged,
-        Err(e) => return vec![format!("gauge: the normal form of this model breaks a rule: {e}")],
+        Err(e) => return vec![format!("{CONVENTION}: the model normalised to it breaks a rule: {e}")],
     };
     let mut out = Vec::new();
     let (small, shown): (Vec<_>, Vec<_>) = gauged.moved.iter().partition(|m| is_negligible(m));
     if shown.is_empty() {
-        out.push("gauge: in normal form".to_owned());
+        out.push(format!("{CONVENTION}: met"));
+    } else if !details {
+        let mut symbols: Vec<String> = shown.iter().map(|m| key(m.symbol)).collect();
+        symbols.dedup();
+        let count = match shown.len() {
+            1 => "1 offset or slope is".to_owned(),
+            n => format!("{n} offsets and slopes are"),
+        };
+        out.push(format!(
+            "{CONVENTION}: {count} kept as in the file ({}); --verbose lists them, docs/reference/model-files.md explains",
+            symbols.join(" ")
+        ));
+        return out;
     } else {
-        out.push(
-            "gauge: the normal form would move (used as it is; `volcomp model normalise` writes the normal form)"
-                .to_owned(),
-        );
+        out.push(format!("{CONVENTION}: `volcomp model normalise` would move (the file is used as it is)"));
         out.extend(shown.into_iter().map(|m| format!("  {}", moved_line(m))));
         if !small.is_empty() {
             out.push(format!("  and {} of less than a nanometre or 0.001 arcsec", small.len()));
         }
         out.push("  in all:".to_owned());
         out.extend(total_lines(model, &gauged).into_iter().map(|l| format!("    {l}")));
+    }
+    if !details {
+        return out;
     }
     out.extend(gauged.untouched.iter().map(|u| format!("  left as it is: {}", untouched_line(u))));
     out

@@ -39,7 +39,7 @@ pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String, Failure
     for name in picture::axes_with_errors(spec) {
         page.picture(&picture::axis(spec, name)?);
     }
-    page.heading("Gauge");
-    page.lines(&gauge::lines(spec).iter().map(|line| micro(line)).collect::<Vec<_>>());
+    page.heading("Datums and reference lines");
+    page.lines(&gauge::lines(spec, true).iter().map(|line| micro(line)).collect::<Vec<_>>());
     Ok(page.finish())
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::super::Failure;
+use crate::numerals::micro;
 use volcomp_config as config;
 use volcomp_model::normalise;
 
@@ -32,7 +33,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         report["out"] = args.out.display().to_string().into();
         format!("{report:#}\n")
     } else {
-        let mut lines = super::gauge::lines(&model.spec);
+        let lines = super::gauge::lines(&model.spec, true);
+        let mut lines: Vec<String> = lines.iter().map(|line| micro(line)).collect();
         lines.push(format!("written: {}", args.out.display()));
         lines.join("\n") + "\n"
     };

@@ -31,7 +31,7 @@ impl Report<'_> {
         &self.file.spec
     }
 
-    pub(super) fn lines(&self) -> Vec<String> {
+    pub(super) fn lines(&self, details: bool) -> Vec<String> {
         let spec = self.spec();
         let mut out =
             vec![format!("{}: model of {}, chain {}", self.name, spec.machine, spec.chain), String::new()];
@@ -55,7 +55,7 @@ impl Report<'_> {
                 out.extend(table.lines().into_iter().map(|l| format!("  {l}")));
             }
         }
-        out.extend(gauge::lines(spec));
+        out.extend(gauge::lines(spec, details));
         out
     }
 

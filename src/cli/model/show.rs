@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::super::{EX_CONFIG, Failure};
 use super::report::Report;
 use super::{html, picture};
+use crate::numerals::micro;
 use crate::progress::Steps;
 use volcomp_model::Model;
 use volcomp_model::extremes::search;
@@ -21,6 +22,9 @@ pub(super) struct Args {
     /// Write the pictures alone: error curves per axis and the distorted volume
     #[arg(long, value_name = "OUT.svg")]
     svg: Option<PathBuf>,
+    /// List what deviates from the datum and reference-line convention
+    #[arg(long)]
+    verbose: bool,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
@@ -47,7 +51,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         json["svg"] = path(&args.svg).into();
         return crate::exit::print(&format!("{json:#}\n"));
     }
-    let mut lines = report.lines();
+    let mut lines: Vec<String> = report.lines(args.verbose).iter().map(|line| micro(line)).collect();
     for out in [&args.html, &args.svg].into_iter().flatten() {
         lines.push(format!("written: {}", out.display()));
     }

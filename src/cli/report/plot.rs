@@ -185,6 +185,8 @@ pub(crate) struct Key {
     pub(crate) colour: RGBAColor,
     /// Width of the line; 0 is a dot, 255 a filled band.
     pub(crate) width: u32,
+    /// The line is dashed.
+    pub(crate) dashed: bool,
     /// Words.
     pub(crate) label: String,
 }
@@ -192,7 +194,12 @@ pub(crate) struct Key {
 impl Key {
     /// A line.
     pub(crate) fn line(colour: impl Into<RGBAColor>, width: u32, label: impl Into<String>) -> Self {
-        Self { colour: colour.into(), width, label: label.into() }
+        Self { colour: colour.into(), width, dashed: false, label: label.into() }
+    }
+
+    /// A dashed line.
+    pub(crate) fn dashed(colour: impl Into<RGBAColor>, width: u32, label: impl Into<String>) -> Self {
+        Self { dashed: true, ..Self::line(colour, width, label) }
     }
 
     /// A dot.
@@ -213,7 +220,12 @@ pub(crate) fn legend(area: &Area<'_>, keys: &[Key], mut x: i32, y: i32) -> Drawn
             0 => area.draw(&Circle::new((x + 13, y), 3, key.colour.filled()))?,
             255 => area.draw(&Rectangle::new([(x, y - 6), (x + 26, y + 6)], key.colour.filled()))?,
             width => {
-                area.draw(&PathElement::new(vec![(x, y), (x + 26, y)], key.colour.stroke_width(width)))?
+                // three dashes of 6 with gaps of 4
+                let ends = if key.dashed { &[[0, 6], [10, 16], [20, 26]][..] } else { &[[0, 26]] };
+                for [from, to] in ends {
+                    let style = key.colour.stroke_width(width);
+                    area.draw(&PathElement::new(vec![(x + from, y), (x + to, y)], style))?;
+                }
             }
         }
         words(area, &key.label, (x + 32, y - 7), 14)?;

@@ -65,10 +65,15 @@ impl Table {
     pub(crate) fn lines(&self) -> Vec<String> {
         let (columns, has_heads) = self.shown(|cell| ["", "-", NOT_STATED].contains(&cell));
         let heads: Vec<String> = (0..self.heads.len()).map(|k| self.head(k).to_owned()).collect();
-        let all: Vec<&Vec<String>> = has_heads.then_some(&heads).into_iter().chain(&self.rows).collect();
+        let all: Vec<Vec<String>> = has_heads
+            .then_some(&heads)
+            .into_iter()
+            .chain(&self.rows)
+            .map(|row| row.iter().map(|cell| micro(cell)).collect())
+            .collect();
         let width = |k: usize| all.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
         let widths: Vec<(usize, usize)> = columns.into_iter().map(|k| (k, width(k))).collect();
-        let line = |row: &&Vec<String>| {
+        let line = |row: &Vec<String>| {
             let cells = widths.iter().map(|(k, width)| match self.is_number(*k) {
                 true => format!("{:>width$}", row[*k]),
                 false => format!("{:<width$}", row[*k]),
@@ -131,7 +136,7 @@ mod tests {
         let lines = table.lines();
         assert_eq!(
             lines,
-            ["             before / um  where", "a long name         1.25  here", "b                      -"]
+            ["             before / µm  where", "a long name         1.25  here", "b                      -"]
         );
         let mut page = Page::new("t");
         table.put(&mut page);

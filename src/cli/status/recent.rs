@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::Paint;
-use super::duration;
+use super::{duration, latency};
 use volcomp_daemon::{CodeCount, Status};
 
 /// The verdict with its cause and remedy, and what compensation gains.
@@ -61,7 +61,7 @@ pub(super) fn write_latency(f: &mut String, status: &Status) -> std::fmt::Result
     ];
     for (name, p50, p99) in figures {
         if let (Some(p50), Some(p99)) = (p50, p99) {
-            write!(f, "; {name} p50 {p50:.1} us, p99 {p99:.1} us")?;
+            write!(f, "; {name} p50 {}, p99 {}", latency(p50), latency(p99))?;
         }
     }
     writeln!(f)

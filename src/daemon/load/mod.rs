@@ -230,7 +230,7 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     let mut model_text = text(&model_path, &bytes)?.to_owned();
     let mut file = model::parse_file(&model_path.display().to_string(), &model_text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
-    let fates = with_additions(path, &config, &mut file)?;
+    let fates = with_additions(path, &config, (&mut file, &model_text))?;
     if !fates.is_empty() {
         model_text = model::write_file(&file, &[format!("{} with additions.", config.model.display())]);
     }

@@ -6,6 +6,7 @@ use super::super::constants::ROWS_MAX;
 use super::super::library::STILL;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::Session;
+use volcomp_model::geometry::Vec3;
 
 /// Range of some quantity over all readings, at least a tiny one.
 fn span(session: &Session, of: impl Fn(&Moment) -> f64) -> f64 {
@@ -14,15 +15,36 @@ fn span(session: &Session, of: impl Fn(&Moment) -> f64) -> f64 {
     if high > low { high - low } else { f64::INFINITY }
 }
 
+/// What rows must share to be averaged, beside setup, instrument and direction of travel.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Alike {
+    /// The direction of sensitivity, and the run where an axis moves.
+    Exactly,
+    /// The axis that they mostly look along: a ballbar turns its direction with every reading.
+    Turning,
+    /// The same, over all runs.
+    AcrossRuns,
+}
+
+/// The axis that a reading mostly looks along, with its sign.
+fn mostly(m: &Moment) -> i64 {
+    let axis = m.u.iamax();
+    if m.u[axis] < 0.0 { -1 - axis as i64 } else { axis as i64 }
+}
+
 /// Rows that look and travel alike, in order: only such are averaged.
-fn alike(session: &Session, rows: &[usize], moving: bool) -> Vec<Vec<usize>> {
+fn alike(session: &Session, rows: &[usize], moving: bool, what: Alike) -> Vec<Vec<usize>> {
     let mut known: BTreeMap<Vec<i64>, usize> = BTreeMap::new();
     let mut all: Vec<Vec<usize>> = Vec::new();
     for i in rows {
         let (r, m) = (&session.readings[*i], &session.moments[*i]);
-        let run = if moving { r.run } else { 0 };
+        let run = if moving && what != Alike::AcrossRuns { r.run } else { 0 };
         let mut key = vec![r.setup as i64, run as i64, r.instrument as i64];
-        key.extend(m.u.iter().map(|c| (c * 1e4).round() as i64));
+        if what == Alike::Exactly {
+            key.extend(m.u.iter().map(|c| (c * 1e4).round() as i64));
+        } else {
+            key.push(mostly(m));
+        }
         key.extend(m.direction.iter().map(|d| *d as i64));
         let next = known.len();
         let at = *known.entry(key).or_insert(next);
@@ -34,19 +56,32 @@ fn alike(session: &Session, rows: &[usize], moving: bool) -> Vec<Vec<usize>> {
     all
 }
 
-/// Readings averaged into at most [`ROWS_MAX`] groups: along the path in position, speed and time where an axis moves while it
-/// is read, else by place. Never by stride, which would lose the samples under acceleration that tell a latency from a
-/// backlash. The mean of readings is a linear function of them, so that effects are averaged alike and nothing is biased.
-pub(super) fn groups(session: &Session, used: &[bool]) -> Vec<Vec<usize>> {
+/// Place of a reading: its positions, then its direction of sensitivity.
+fn place(m: &Moment, k: usize) -> f64 {
+    m.position.get(k).copied().unwrap_or_else(|| m.u[k - SLOTS])
+}
+
+/// Readings averaged into some [`ROWS_MAX`] groups, at most twice as many or nothing: along the path in position, speed and
+/// time where an axis moves while it is read, else by place. Never by stride, which would lose the samples under acceleration
+/// that tell a latency from a backlash. The mean of readings is a linear function of them, so that effects are averaged alike
+/// and nothing is biased.
+pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>> {
     let all: Vec<usize> = (0..used.len()).filter(|i| used[*i]).collect();
     if all.len() <= ROWS_MAX {
-        return all.into_iter().map(|i| vec![i]).collect();
+        return Some(all.into_iter().map(|i| vec![i]).collect());
     }
     let moving = session.moments.iter().any(|m| m.velocity.iter().any(|v| v.abs() > STILL));
-    let position: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.position[k])).collect();
+    let (what, classes) = [Alike::Exactly, Alike::Turning, Alike::AcrossRuns]
+        .map(|what| (what, alike(session, &all, moving, what)))
+        .into_iter()
+        .find(|(_, classes)| classes.len() <= ROWS_MAX)?;
+    let mut places: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.position[k])).collect();
+    if what != Alike::Exactly {
+        // components of a unit vector
+        places.extend([2.0; 3]);
+    }
     let velocity: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.velocity[k])).collect();
     let time = span(session, |m| m.t_s);
-    let classes = alike(session, &all, moving);
     let share = ROWS_MAX as f64 / all.len() as f64;
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for rows in classes {
@@ -60,20 +95,19 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Vec<Vec<usize>> {
         if moving || standing {
             let step = |a: usize, b: usize| {
                 let (a, b) = (&session.moments[a], &session.moments[b]);
-                let far = |x: &[f64; SLOTS], y: &[f64; SLOTS], span: &[f64]| -> f64 {
-                    (0..SLOTS).map(|k| (x[k] - y[k]) / span[k]).filter(|d| d.is_finite()).map(f64::abs).sum()
+                let far = |of: &dyn Fn(&Moment, usize) -> f64, spans: &[f64]| -> f64 {
+                    let each = spans.iter().enumerate().map(|(k, span)| (of(a, k) - of(b, k)) / span);
+                    each.filter(|d| d.is_finite()).map(f64::abs).sum()
                 };
-                far(&a.position, &b.position, &position)
-                    + far(&a.velocity, &b.velocity, &velocity)
-                    + (b.t_s - a.t_s).abs() / time
+                far(&place, &places) + far(&|m, k| m.velocity[k], &velocity) + (b.t_s - a.t_s).abs() / time
             };
             along(&rows, wanted, &step, &mut groups);
         } else {
-            split(session, rows, wanted, &position, &mut groups);
+            split(session, rows, wanted, &places, &mut groups);
         }
     }
     groups.sort_by_key(|g| g[0]);
-    groups
+    Some(groups)
 }
 
 /// Cuts rows into pieces of equal length along the path.
@@ -94,26 +128,26 @@ fn along(rows: &[usize], wanted: usize, step: &dyn Fn(usize, usize) -> f64, out:
 }
 
 /// Halves rows by place until there are as many groups as wanted.
-fn split(session: &Session, rows: Vec<usize>, wanted: usize, position: &[f64], out: &mut Vec<Vec<usize>>) {
+fn split(session: &Session, rows: Vec<usize>, wanted: usize, places: &[f64], out: &mut Vec<Vec<usize>>) {
     if wanted < 2 || rows.len() < 2 {
         out.push(rows);
         return;
     }
     let range = |k: usize| {
-        let values = rows.iter().map(|i| session.moments[*i].position[k]);
+        let values = rows.iter().map(|i| place(&session.moments[*i], k));
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        (high - low) / position[k]
+        (high - low) / places[k]
     };
-    let axis = (0..SLOTS).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
+    let axis = (0..places.len()).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
     let mut sorted = rows;
     sorted.sort_by(|a, b| {
-        let at = |i: usize| session.moments[i].position[axis];
+        let at = |i: usize| place(&session.moments[i], axis);
         at(*a).total_cmp(&at(*b)).then(a.cmp(b))
     });
     let half = sorted.split_off(sorted.len() / 2);
     let first = wanted / 2;
-    split(session, sorted, first, position, out);
-    split(session, half, wanted - first, position, out);
+    split(session, sorted, first, places, out);
+    split(session, half, wanted - first, places, out);
 }
 
 /// Mean state of the readings of each group.
@@ -130,6 +164,9 @@ pub(super) fn means(session: &Session, groups: &[Vec<usize>]) -> Vec<Moment> {
                 m.position[k] = mean(&|m| m.position[k]);
                 m.velocity[k] = mean(&|m| m.velocity[k]);
             }
+            // the mean gap of a constant error is its product with the mean direction, which is shorter than 1
+            let first = m.u;
+            m.u += rows.iter().map(|i| session.moments[*i].u - first).sum::<Vec3>() / rows.len() as f64;
             m
         })
         .collect()

@@ -37,7 +37,8 @@ pub fn applies(session: &Session) -> bool {
 }
 
 /// Compares all sets of effects that the library offers. `gap` in um, a value per reading of the session; `used` marks the
-/// readings that take part; `white_um` is the white noise of each instrument class, of which only the ratios count.
+/// readings that take part; `white_um` is the white noise of each instrument class, of which only the ratios count. Nothing
+/// where too many setups leave no readings that can be averaged, or too few readings are left.
 #[must_use]
 pub fn compare(
     session: &Session,
@@ -46,6 +47,6 @@ pub fn compare(
     used: &[bool],
     white_um: &[f64],
 ) -> Option<Comparison> {
-    let structure = Structure::new(session, grouping::groups(session, used), white_um);
+    let structure = Structure::new(session, grouping::groups(session, used)?, white_um);
     posterior::compare(session, library, gap, structure)
 }

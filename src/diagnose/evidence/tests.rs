@@ -1,5 +1,6 @@
 //! Sessions of one program, made here: what is in them is found, and what is not is not named.
 
+use super::super::constants::ROWS_MAX;
 use super::super::library::{Label, Library};
 use super::super::machine_state::Machine;
 use super::super::noise::Random;
@@ -125,6 +126,41 @@ fn wild_readings_count_less_and_hide_nothing() {
     let found = compared(raw);
     assert_eq!(found.0.outlying.iter().map(|(i, _)| *i).collect::<Vec<_>>(), [20, 59]);
     assert!(probability(&found, "backlash:x") > 0.95, "{:?}", found.0.contenders);
+}
+
+/// A ballbar at one feed: every reading looks its own way, and each direction of travel stays apart.
+#[test]
+fn readings_that_turn_are_averaged_along_the_path() {
+    let names: Vec<&str> =
+        "t_s setup run repeat x_mm y_mm u_x u_y u_z deviation_um dir_x dir_y moving".split(' ').collect();
+    let n = 3000;
+    let mut raw = Raw {
+        file: "ballbar".to_owned(),
+        names: names.iter().map(|n| (*n).to_owned()).collect(),
+        columns: vec![Vec::new(); names.len()],
+        ..Raw::default()
+    };
+    for k in 0..n {
+        let t = k as f64 * 0.02;
+        let (sin, cos) = (std::f64::consts::TAU * k as f64 / n as f64).sin_cos();
+        let (x, y) = (100.0 + 50.0 * cos, 100.0 + 50.0 * sin);
+        let row =
+            [t, 0.0, 0.0, 0.0, x, y, cos, sin, 0.0, 9.0 * sin * cos, (-sin).signum(), cos.signum(), 1.0];
+        raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
+        raw.instruments.push("ballbar".to_owned());
+        raw.lines.push(k as u64 + 2);
+    }
+    let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+    let groups = super::grouping::groups(&session, &vec![true; n]).expect("groups");
+    assert!(groups.len() <= 2 * ROWS_MAX && groups.len() > ROWS_MAX / 2, "{}", groups.len());
+    let mut rows = groups.concat();
+    rows.sort_unstable();
+    assert_eq!(rows, (0..n).collect::<Vec<_>>());
+    for group in &groups {
+        let (first, last) = (&session.moments[group[0]], &session.moments[group[group.len() - 1]]);
+        assert_eq!(first.direction, last.direction, "{group:?}");
+        assert!(first.u.dot(&last.u) > 0.99, "{group:?}");
+    }
 }
 
 #[test]

@@ -54,7 +54,7 @@ const CATALOGUE: [Measurement; 11] = [
         prepare_min: 20.0,
     },
     Measurement {
-        action: "run a short line with steps below a tenth of the pitch, not equal",
+        action: "run a line with fine steps, not equal: below a tenth of a pitch or of the place in question",
         motion: Motion::FineSteps,
         prepare_min: 30.0,
     },

@@ -2,7 +2,8 @@
 //!
 //! Rule of combination: mean squares of the readings held out are subtracted one after the other, the cause that reduces the
 //! gap most first. The steps add up to the mean square of the gap by construction; a step of two correlated causes depends on
-//! their order, the sum does not. What the causes leave is divided into noise, drift and the rest, in this order.
+//! their order, the sum does not. What the causes leave is divided into noise, drift and the rest, in this order. Where few
+//! readings were compared by evidence, the readings are those of the fit, and discrepancy and drift their posterior means.
 
 use super::super::Analysis;
 use super::super::decision::Assessed;
@@ -107,23 +108,26 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
         })
         .collect();
     let whole = after.rms_um.powi(2);
-    let noise = white_rms(session, a).powi(2).min(whole);
-    let beyond = (whole - noise).max(0.0);
-    let drift = match &a.comparison {
-        // drift and discrepancy share what is left as their posterior means do
+    let [unexplained, drift, noise] = match &a.comparison {
         Some(c) => {
-            let structured = c.shares.drift_um2 + c.shares.discrepancy_um2;
-            if structured > 0.0 { beyond * c.shares.drift_um2 / structured } else { 0.0 }
+            let unexplained = c.shares.discrepancy_um2.min(whole);
+            let drift = c.shares.drift_um2.min(whole - unexplained);
+            [unexplained, drift, whole - unexplained - drift]
         }
-        None => drift_rms(session, a).powi(2).min(beyond),
-    };
+        None => {
+            let noise = white_rms(session, a).powi(2).min(whole);
+            let drift = drift_rms(session, a).powi(2).min(whole - noise);
+            [whole - noise - drift, drift, noise]
+        }
+    }
+    .map(|v| v.max(0.0).sqrt());
     Budget {
         before,
         steps,
         after,
-        unexplained_um: (whole - noise - drift).max(0.0).sqrt(),
-        drift_um: drift.max(0.0).sqrt(),
-        noise_um: noise.sqrt(),
+        unexplained_um: unexplained,
+        drift_um: drift,
+        noise_um: noise,
         corrections,
     }
 }

@@ -94,6 +94,7 @@ pub(super) fn addition(
         format: FORMAT.to_owned(),
         machine: options.machine.clone(),
         sense: "actual minus nominal of the tool against the workpiece, in machine axes".to_owned(),
+        base: None,
         effects,
     }
 }

@@ -153,7 +153,11 @@ pub(super) fn conclude(
     let given = a.problem.given(&a.selection.chosen);
     let beta = a.problem.fit(&given);
     let raw = raw_of(session, &a.library, &a.selection.chosen);
-    let parts = contributions(session, &a.problem, &given.columns, &beta, &raw);
+    let mut parts = contributions(session, &a.problem, &given.columns, &beta, &raw);
+    if a.comparison.is_some() {
+        // few readings: a fold takes the places away that only its own columns see; the posterior states the uncertainty
+        parts.held_out.clone_from(&parts.in_sample);
+    }
     // place of each column's effect in the selection
     let owner: Vec<usize> = a
         .selection

@@ -209,8 +209,17 @@ impl Session {
             });
         }
         self.retain(&keep);
+        let place = match every {
+            2 => "second".to_owned(),
+            3 => "third".to_owned(),
+            // as in 21st, 22nd, 113th
+            n if n % 10 == 1 && n % 100 != 11 => format!("{n}st"),
+            n if n % 10 == 2 && n % 100 != 12 => format!("{n}nd"),
+            n if n % 10 == 3 && n % 100 != 13 => format!("{n}rd"),
+            n => format!("{n}th"),
+        };
         self.notes.push(Note::new(format!(
-            "{n} readings are thinned to {}: every {every}th programmed point with all its repeats",
+            "{n} readings are thinned to {}: every {place} programmed point with all its repeats",
             self.readings.len()
         )));
     }

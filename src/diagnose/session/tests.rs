@@ -383,6 +383,8 @@ fn instruments_read_together_are_thinned_together() {
     }
     let s = build(raw).unwrap();
     assert!(s.readings.len() <= ROWS_MAX, "{}", s.readings.len());
+    let told = |n: &Note| n.text.contains("every second programmed point");
+    assert!(s.notes.iter().any(told), "{:?}", s.notes);
     for probe in 0..5 {
         let kept = s.readings.iter().filter(|r| r.instrument == probe).count();
         assert_eq!(5 * kept, s.readings.len(), "probe {probe}");

@@ -7,13 +7,14 @@
 
 mod curves;
 mod heat;
+mod held;
 mod proof;
 mod terms;
 
 use core::fmt;
 
 use crate::Kind;
-use crate::addition::{Addition, Entry};
+use crate::addition::{Addition, Entry, Twice};
 use crate::machine_state::Axis;
 use volcomp_estimate::Thermal;
 use volcomp_model::curve::Live;
@@ -43,6 +44,19 @@ pub enum Fate {
     Taken(Vec<String>),
     /// It is not, for this reason.
     Left(&'static str),
+}
+
+/// Why an effect stays out of a model that has its terms.
+const HELD: &str = "the model has the same terms already";
+
+impl Extended {
+    /// # Errors
+    /// The model had the terms of some effect already.
+    pub fn is_new(&self) -> Result<(), Twice> {
+        let held = self.fates.iter().filter(|(_, fate)| *fate == Fate::Left(HELD));
+        let effects: Vec<String> = held.map(|(label, _)| label.clone()).collect();
+        if effects.is_empty() { Ok(()) } else { Err(Twice::Held { effects }) }
+    }
 }
 
 impl Fate {
@@ -176,6 +190,7 @@ pub fn extend(spec: &ModelSpec, thermal: &[Thermal], addition: &Addition) -> Res
             Err(why) => Fate::Left(why),
             Ok(candidate) => match proof::signed(&out.spec, entry, &candidate)? {
                 None => Fate::Left("the chain of this model has no error motion that acts the same way"),
+                Some(candidate) if held::is_held(&candidate, spec, thermal) => Fate::Left(HELD),
                 Some(candidate) => {
                     out.spec = candidate.added_to(&out.spec);
                     out.thermal.extend(candidate.thermal);

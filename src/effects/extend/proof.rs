@@ -107,6 +107,7 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry, of_tool: bool) -> Vec<
         format: FORMAT.to_owned(),
         machine: spec.machine.clone(),
         sense: String::new(),
+        base: None,
         effects: vec![entry.clone()],
     };
     let machine = machine_of(spec, model);

@@ -61,6 +61,8 @@ macro_rules! shapes {
     };
 }
 
+pub use squareness::symbol as squareness_symbol;
+
 shapes! {
     squareness::Squareness,
     scale::Scale,

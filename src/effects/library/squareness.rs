@@ -10,7 +10,7 @@ pub(crate) static SQUARENESS: Effect = Effect {
     kind: Kind::Machine,
     subjects: Subjects::Pairs,
     cause: "Two axes are not square: foundation, alignment, a crash.",
-    formula: "d_x = angle y (pairs xy, yz, zx)",
+    formula: "d_x = angle y (pairs xy, yz, zx); ISO 230-1: EC0Y = -angle, EA0Z = -angle, EB0Z = angle",
     looks_like: "A circle becomes an ellipse at 45 deg that is the same in both directions and at every feed; body diagonals differ in length.",
     confused_with: "a linear angular error (until a second tool length or lever is used), a straightness, a rotation of a tracker's frame",
     settles: "A circle in the plane of the pair in both directions, or the four face diagonals.",
@@ -28,6 +28,18 @@ pub(crate) static SQUARENESS: Effect = Effect {
         ])
     },
 };
+
+/// The symbol of ISO 230-1 of a pair, and the sign by which its value follows from `angle_arcsec`: a right angle that is too wide
+/// is a positive EC0Y or EA0Z and a negative EB0Z. `None` for what is no pair.
+#[must_use]
+pub fn symbol(pair: &str) -> Option<(&'static str, f64)> {
+    match pair {
+        "xy" => Some(("EC0Y", -1.0)),
+        "yz" => Some(("EA0Z", -1.0)),
+        "zx" => Some(("EB0Z", 1.0)),
+        _ => None,
+    }
+}
 
 /// `d_along = angle x_over`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

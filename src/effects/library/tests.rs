@@ -201,6 +201,7 @@ fn every_effect_of_the_machine_is_put_into_a_model_or_says_why_not() {
                     format: FORMAT.to_owned(),
                     machine: "all".to_owned(),
                     sense: String::new(),
+                    base: None,
                     effects: vec![entry(e, &subject.name, shape.clone())],
                 };
                 addition.check().unwrap();
@@ -296,4 +297,30 @@ fn a_moment_bends_a_ram_with_the_square_of_its_reach() {
     m.position[1] = 50.0;
     let drops: Vec<f64> = evaluated(&ram, &m).iter().map(|d| d.z).collect();
     assert_eq!(drops, [-0.125, -0.0625, -0.25]);
+}
+
+#[test]
+fn the_symbol_of_a_pair_is_the_rotation_of_its_later_axis_against_the_first() {
+    const ANGLE: f64 = 1e-3;
+    let unit = |axis: usize| Vec3::from_fn(|k, _| f64::from(u8::from(k == axis)));
+    // first and later axis, and the axis about which the symbol turns
+    for (pair, symbol, [first, later, about]) in
+        [("xy", "EC0Y", [0, 1, 2]), ("yz", "EA0Z", [1, 2, 0]), ("zx", "EB0Z", [0, 2, 1])]
+    {
+        let (named, sign) = super::squareness_symbol(pair).unwrap();
+        assert_eq!(named, symbol);
+        for (along, over) in [(first, later), (later, first)] {
+            let tilted = |axis: usize| {
+                let mut v = unit(axis);
+                if axis == over {
+                    v[along] += ANGLE;
+                }
+                v
+            };
+            let (a, b) = (tilted(first), tilted(later));
+            let turned = a.cross(&b).dot(&unit(about)).atan2(a.dot(&b));
+            let nominal = unit(first).cross(&unit(later)).dot(&unit(about)).atan2(0.0);
+            assert!((turned - nominal - sign * ANGLE).abs() < 1e-9, "{pair} along {along}");
+        }
+    }
 }

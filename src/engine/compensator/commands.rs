@@ -34,6 +34,7 @@ impl Compensator {
         match command {
             Command::Enable => {
                 if !self.stopping && self.state != State::Faulted {
+                    self.commanded |= !self.enabled;
                     self.enabled = true;
                     if self.state == State::Off {
                         self.state = State::Armed;
@@ -61,14 +62,19 @@ impl Compensator {
             }
             Command::ClearFault => {
                 if self.state == State::Faulted && self.may_clear() {
-                    self.state = State::Off;
-                    self.enabled = false;
-                    if core::mem::replace(&mut self.silenced, false) {
-                        // what the control holds now is where it starts
-                        self.synchronised = false;
-                    }
+                    self.clear();
                 }
             }
+        }
+    }
+
+    /// Off without a fault, whatever is reported: by itself only for an engine whose offsets nobody applies.
+    pub(crate) fn clear(&mut self) {
+        self.state = State::Off;
+        self.enabled = false;
+        if core::mem::replace(&mut self.silenced, false) {
+            // what the control holds now is where it starts
+            self.synchronised = false;
         }
     }
 }

@@ -102,7 +102,11 @@ impl Compensator {
             let most = self.config.limits[k].size.max(self.limiters[k].position().abs());
             applied[k].clamp(-most, most)
         });
-        if self.sending == Sending::NotYet || within_a_step {
+        if self.sending == Sending::NotYet {
+            self.start_at(&held);
+            self.reach = None;
+            self.note_reach();
+        } else if within_a_step {
             self.start_at(&held);
         } else if immobile {
             // nothing moves: the answers approach what the control holds, in steps that would be allowed anyway
@@ -153,10 +157,33 @@ impl Compensator {
     /// The first axis whose reported offset cannot be right, with the bound it exceeds.
     fn implausible(&self, applied: &AxisArray) -> Option<Detail> {
         (0..self.axes).find_map(|k| {
-            let bound = self.bound(k);
-            let beyond = applied[k].abs() > bound;
+            let [low, high] = self.believed(k);
+            let bound = if applied[k] < low { -low } else { high };
+            let beyond = applied[k] < low || applied[k] > high;
             beyond.then(|| Detail::of_axis(k, applied[k] / self.scale[k], bound / self.scale[k]))
         })
+    }
+
+    /// The offsets of axis `k` that are believed, mm or rad. A control may hold or take back what it was sent on the link before;
+    /// one that holds more has it from elsewhere, and starting there would let it grow from link to link.
+    fn believed(&self, k: usize) -> [f64; 2] {
+        let bound = self.bound(k);
+        match self.reach {
+            Some(reach) if self.sending == Sending::NotYet && self.is_listed(k) => {
+                let tolerance = self.config.read_back_tolerance[k];
+                [(reach[k][0] - tolerance).max(-bound), (reach[k][1] + tolerance).min(bound)]
+            }
+            _ => [-bound, bound],
+        }
+    }
+
+    /// Extends the range of the offsets of this link, zero included, by the present one.
+    pub(super) fn note_reach(&mut self) {
+        let offset = self.offset();
+        let reach = self.reach.get_or_insert([[0.0; 2]; MAX_AXES]);
+        for ([low, high], at) in reach.iter_mut().zip(offset) {
+            (*low, *high) = (low.min(at), high.max(at));
+        }
     }
 
     /// The largest offset of axis `k` that is believed, mm or rad.
@@ -232,14 +259,15 @@ impl Compensator {
         self.event.take()
     }
 
-    /// A silenced fault may be cleared once the control reports that it holds nothing (or before it reports anything,
-    /// for a new link is judged by itself); any other one once the offset is back at zero.
+    /// A silenced fault may be cleared once the control reports on this link that it holds nothing; any other one once the offset
+    /// is back at zero.
     pub(super) fn may_clear(&self) -> bool {
         if !self.silenced {
             return self.is_zero();
         }
-        let reported = self.reported.unwrap_or([0.0; MAX_AXES]);
         let limits = &self.config;
-        (0..self.axes).all(|k| !self.is_listed(k) || reported[k].abs() <= limits.read_back_tolerance[k])
+        self.reported.is_some_and(|reported| {
+            (0..self.axes).all(|k| !self.is_listed(k) || reported[k].abs() <= limits.read_back_tolerance[k])
+        })
     }
 }

@@ -217,7 +217,7 @@ pub const CATALOGUE: &[Entry] = &[
         name: "implausible-offset",
         severity: Fault,
         text: "the control reports an offset that it cannot hold",
-        cause: "the read-back is beyond the limit (on a new link: beyond twice the limit): a wrong unit or sign, a foreign writer, memory that was not cleared",
+        cause: "the read-back is beyond the limit (on a new link: beyond twice the limit, or farther out than anything sent on the link before): a wrong unit or sign, a foreign writer, memory that was not cleared",
         reaction: "compensation ends, no further correction is sent, the control removes its offset by its own rule; latched until it reports zero and the fault is cleared",
         remedy: "compare `applied` in a recording with the offset in the control; correct the adapter or the limits, then `volcomp enable --clear-fault`",
     },

@@ -46,7 +46,19 @@ fn data_that_come_back_before_zero_turn_the_ramp_round() {
     assert_eq!(next_change(&mut w).0, State::RampingOut);
     w.run(50);
     w.frame.commanded[1] = 0.0;
+    let (state, reason, _) = next_change(&mut w);
+    assert_eq!((state, reason), (State::RampingIn, Reason::DataGood), "nobody has given a command");
     assert_eq!(w.run(400).state, State::Active);
+    // the same, but the operator disables and enables meanwhile
+    w.frame.commanded[1] = f64::NAN;
+    assert_eq!(next_change(&mut w).0, State::Holding);
+    assert_eq!(next_change(&mut w).0, State::RampingOut);
+    w.engine.on_command(w.now, Command::Disable);
+    w.run(10);
+    w.engine.on_command(w.now, Command::Enable);
+    w.frame.commanded[1] = 0.0;
+    let (state, reason, _) = next_change(&mut w);
+    assert_eq!((state, reason), (State::RampingIn, Reason::Command));
 }
 
 #[test]

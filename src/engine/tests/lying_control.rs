@@ -71,6 +71,67 @@ fn after_such_a_fault_a_control_at_zero_and_a_person_lead_back() {
 }
 
 #[test]
+fn without_a_link_or_a_report_of_zero_no_fault_is_cleared() {
+    let mut w = deceived(|_| 0.04, 300);
+    let clear = |w: &mut World| {
+        w.engine.on_command(w.now, Command::ClearFault);
+        w.engine.state()
+    };
+    // the fault has ended the link: what the control holds is not known
+    w.engine.on_link_down(w.now);
+    assert_eq!(clear(&mut w), State::Faulted);
+    w.new_link();
+    assert_eq!(clear(&mut w), State::Faulted);
+    for (held, state) in [(0.03, State::Faulted), (0.0, State::Off)] {
+        w.frame.applied = x_only(held);
+        w.frame.sequence += 1;
+        w.frame.control_ns += 1_000_000;
+        assert_eq!(w.engine.on_position(w.now, &w.frame, &w.model), None);
+        assert_eq!(clear(&mut w), state, "{held} mm reported");
+    }
+}
+
+#[test]
+fn a_read_back_beside_the_truth_does_not_make_the_offset_grow_from_link_to_link() {
+    for enabled in [false, true] {
+        let mut w = World::new(&config());
+        if enabled {
+            w.engine.on_command(MonoTime::ZERO, Command::Enable);
+        }
+        let mut real = x_only(0.0);
+        for link in 0..8 {
+            w.new_link();
+            for _ in 0..6 {
+                w.now = w.now.plus_seconds(CYCLE_S);
+                w.frame.sequence += 1;
+                w.frame.control_ns += 1_000_000;
+                w.frame.applied = x_only(real[0] + 0.030);
+                if let Some(out) = w.engine.on_position(w.now, &w.frame, &w.model) {
+                    real = out.offset;
+                }
+            }
+            assert!(real[0].abs() <= 0.030 + 1e-12, "{real:?} at link {link}, enabled {enabled}");
+        }
+        assert_eq!(w.engine.state(), State::Faulted, "enabled {enabled}");
+    }
+}
+
+#[test]
+fn what_the_control_was_sent_on_the_link_before_or_less_is_where_a_new_one_starts() {
+    for (held, is_believed) in [(-0.010, true), (-0.004, true), (0.0, true), (-0.0102, false), (0.001, false)]
+    {
+        let mut w = World::active(&config());
+        w.new_link();
+        w.frame.applied = x_only(held);
+        w.frame.sequence += 1;
+        w.frame.control_ns += 1_000_000;
+        let out = w.engine.on_position(w.now, &w.frame, &w.model);
+        assert_eq!(out.is_some(), is_believed, "{held}");
+        assert_eq!(w.engine.is_silenced(), !is_believed, "{held}");
+    }
+}
+
+#[test]
 fn an_offset_found_on_a_new_link_is_led_back_up_to_twice_the_limit() {
     for (found, led_back) in [(0.049, true), (0.051, true), (0.0999, true), (0.1001, false), (5.0, false)] {
         for (sign, enabled) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {

@@ -409,9 +409,9 @@ fn nothing_is_sent_before_the_control_has_told_its_offset() {
     w.frame.sequence += 1;
     assert_eq!(w.engine.on_position(w.now, &w.frame, &w.model), None);
     // the offset is told, the position is not: start from the offset, and take it out when that lasts
-    w.last.offset = [0.002, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    w.last.offset = x_only(-0.002);
     w.frame.commanded[0] = f64::NAN;
-    assert!((w.cycle().offset[0] - 0.002).abs() < 1e-12);
+    assert!((w.cycle().offset[0] + 0.002).abs() < 1e-12);
     let out = w.run(600);
     assert_eq!((out.state, out.offset[0]), (State::Armed, 0.0));
 }

@@ -53,9 +53,10 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let commented = |text: &str| format!("# {}\n{text}", args.through.how(&args.machine));
     if let Some(mut machine) = args.through.open(&args.machine, &args.out)? {
         let text = under_control(args, machine.as_mut())?;
-        write(&args.out, "diagonals.csv", &text)?;
+        write(&args.out, "diagonals.csv", &commented(&text))?;
         say!("volcomp evaluate iso230-6 --data {}", args.out.join("diagonals.csv").display());
         return Ok(());
     }
@@ -85,8 +86,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         seed: args.seed,
     };
     let text = Diagonal::body_diagonals(&machine, &plan).map_err(|e| Failure::new(EX_DATAERR, e))?;
-    write(&args.out, "diagonals.csv", &text)?;
+    write(&args.out, "diagonals.csv", &commented(&text))?;
     let list = |[x, y, z]: [f64; 3]| format!("{x},{y},{z}");
+    note!("with a model whose angular error motions are known (here angles.toml, for example):");
     say!(
         "volcomp identify diagonals --data {}/diagonals.csv --low-mm {} --box-mm {} --reflector-mm {} --model angles.toml --into angles.toml --out model.toml",
         args.out.display(),

@@ -1,6 +1,6 @@
 //! `cncsim measure positioning`: an interferometer along an axis, both directions.
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::fmt::Write as _;
@@ -33,7 +33,7 @@ pub(super) struct Args {
     /// Where X, Y and Z stand meanwhile, programmed; default: the middle of the travels.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     at_mm: Option<[f64; 3]>,
-    /// Targets over the travel, an overrun of 1 % at either end left out.
+    /// Targets over the travel, an overrun of 1 % at either end left out; at random distances (ISO 230-2, 5.3.1).
     #[arg(long, default_value = "21", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     targets: u32,
     /// Runs, each in both directions.
@@ -56,17 +56,28 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         None => at_rest(args)?,
     };
     let name = format!("positioning-{}.csv", args.axis.lower());
-    write(&args.out, &name, &csv(&rows))?;
+    let text = format!("# {}\n{}", args.through.how(&args.machine), csv(&rows));
+    write(&args.out, &name, &text)?;
     say!("volcomp evaluate iso230-2 --data {}", args.out.join(name).display());
     Ok(())
 }
 
-/// The targets in whole micrometres.
-fn targets(args: &Args, [low, high]: [f64; 2]) -> Vec<f64> {
+/// Random share of the interval by which each target is moved on.
+const SPREAD: f64 = 0.3;
+
+/// The targets in whole micrometres: `P_i = (i - 1) p + r`, each with an `r` of its own, so that periodic errors are not
+/// sampled at one phase (ISO 230-2:2014, 5.3.1). The same at each measurement of an axis, as those of a part program.
+fn targets(count: u32, axis: AxisName, [low, high]: [f64; 2]) -> Vec<f64> {
     let margin = OVERRUN * (high - low);
     let (low, high) = (low + margin, high - margin);
-    let step = (high - low) / f64::from(args.targets - 1);
-    (0..args.targets).map(|i| ((low + step * f64::from(i)) * 1e3).round() / 1e3).collect()
+    let step = (high - low) / (f64::from(count - 1) + SPREAD);
+    let mut random = ChaCha8Rng::seed_from_u64(axis.direction() as u64);
+    (0..count)
+        .map(|i| {
+            let r = SPREAD * step * random.random::<f64>();
+            ((low + step * f64::from(i) + r) * 1e3).round() / 1e3
+        })
+        .collect()
 }
 
 /// The machine alone, without control and corrections.
@@ -87,7 +98,7 @@ fn at_rest(args: &Args) -> Result<Vec<PositioningRow>, Failure> {
     let plan = Positioning {
         axis: args.axis,
         at,
-        targets_mm: targets(args, machine.travel(k)),
+        targets_mm: targets(args.targets, args.axis, machine.travel(k)),
         cycles: args.cycles as usize,
     };
     Interferometer { noise_um: args.noise_um, seed: args.seed }
@@ -98,7 +109,7 @@ fn at_rest(args: &Args) -> Result<Vec<PositioningRow>, Failure> {
 fn under_control(args: &Args, machine: &mut dyn Measured) -> Result<Vec<PositioningRow>, Failure> {
     let letter = args.axis;
     let travel = through::travel(machine, letter)?;
-    let targets = targets(args, travel);
+    let targets = targets(args.targets, letter, travel);
     let mut start = String::new();
     for (i, axis) in [AxisName::X, AxisName::Y, AxisName::Z].into_iter().enumerate() {
         if let Some([low, high]) = machine.about().travel(axis) {
@@ -146,4 +157,21 @@ fn under_control(args: &Args, machine: &mut dyn Measured) -> Result<Vec<Position
             }
         })
         .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_are_spread_within_the_travel() {
+        let at = targets(21, AxisName::X, [0.0, 850.0]);
+        let steps: Vec<f64> = at.windows(2).map(|w| w[1] - w[0]).collect();
+        let (least, most) = steps.iter().fold((f64::MAX, 0.0_f64), |(l, m), s| (l.min(*s), m.max(*s)));
+        assert!(
+            at[0] >= 8.5 && at[20] <= 841.5 && least > 25.0 && most < 55.0 && most - least > 5.0,
+            "{at:?}"
+        );
+        assert_eq!(targets(21, AxisName::X, [0.0, 850.0]), at, "the same part program each time");
+    }
 }

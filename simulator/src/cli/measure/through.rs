@@ -24,10 +24,21 @@ pub(super) const DWELL_S: f64 = 0.25;
 const FEED: f64 = 10_000.0;
 
 impl ThroughArgs {
+    /// What was measured, for people.
+    pub(super) fn how(&self, machine: &Path) -> String {
+        match &self.through {
+            Some(through) => format!("through the control of {through}"),
+            None => format!("without compensation, machine {}", machine.display()),
+        }
+    }
+
     /// The machine under its control, where one was named. `machine` is the truth and `out` the folder for the log of a
     /// daemon that is started.
     pub(super) fn open(&self, machine: &Path, out: &Path) -> Result<Option<Box<dyn Measured>>, Failure> {
-        let Some(through) = &self.through else { return Ok(None) };
+        let Some(through) = &self.through else {
+            note!("{}; --through measures with it", self.how(machine));
+            return Ok(None);
+        };
         let io = |e: anyhow::Error| Failure::new(EX_IOERR, format_args!("--through {through}: {e:#}"));
         let file = Path::new(through);
         if !file.is_file() {
@@ -51,7 +62,7 @@ pub(super) fn run(machine: &mut dyn Measured, program: &str, want: Want) -> Resu
     let with = points.iter().filter(|p| p.compensated).count();
     if with < points.len() {
         note!(
-            "warning: the daemon compensated in full at {with} of {} readings only; see volcomp status",
+            "warning: the daemon compensated in full at {with} of {} readings only; its status or log says why",
             points.len()
         );
     }

@@ -116,13 +116,13 @@ fn summary(page: &mut Page, found: &Diagnosis) {
 fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     let r = &found.report;
     page.heading("Causes");
-    let shown: Vec<&Cause> =
-        r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE).take(14).collect();
+    let shares = Shares::of(&found.budget);
+    let shown = r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE).take(14);
+    let shown = shares.sorted(shown);
     if shown.is_empty() {
         page.paragraph("None: no effect of the library is significant in these data.");
         return;
     }
-    let shares = Shares::of(&found.budget);
     let head = [
         "cause",
         "size, µm RMS",
@@ -140,8 +140,9 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
         ""
     };
     page.note(format!(
-        "Size: RMS of the effect over the readings; uncertainties are expanded (k = 2). Share: of the mean square of the gap, on readings held out of \
-         the fit, as the RMS of the gap with only this corrected, and with this corrected as the last. Causes in grey are not established.{assumed}"
+        "Size: RMS of the effect over the readings; uncertainties are expanded (k = 2). Share: of the mean square of the gap{}, \
+         as the RMS of the gap with only this corrected, and with this corrected as the last. Causes in grey are not established.{assumed}",
+        if r.discrepancy_um.is_some() { "" } else { " on readings held out of the fit" }
     ));
 }
 
@@ -165,7 +166,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable, shares: &S
     }
     let mut last = Vec::new();
     if c.declared {
-        last.push(remedy(&c.effect).to_owned());
+        last.push(remedy(c, found).to_owned());
         last.push(format!("volcompd: {}", compensable.words(c)));
     } else {
         last.push(if c.remark.is_empty() {
@@ -239,8 +240,8 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
 
 /// The largest fitted curves and measured against predicted; gives the figures for which the first sheet has no room.
 fn fitted(page: &mut Page, found: &Diagnosis) -> Vec<Figure> {
-    let declared = found.report.causes.iter().filter(|c| c.declared);
-    let mut figures: Vec<Figure> = declared.flat_map(|c| curves(found, c)).collect();
+    let declared = Shares::of(&found.budget).sorted(found.report.causes.iter().filter(|c| c.declared));
+    let mut figures: Vec<Figure> = declared.into_iter().flat_map(|c| curves(found, c)).collect();
     let has_steps = !found.budget.steps.is_empty();
     let agreement = has_steps.then(|| charts::measured_and_predicted(found)).flatten();
     let more = figures.split_off(figures.len().min(FIRST_FIGURES - usize::from(agreement.is_some())));

@@ -214,7 +214,7 @@ fn draw_legend(area: &Area<'_>, result: &Positioning) -> Drawn {
     keys.push(Key::band(GREY.mix(0.35), "± 2 s"));
     keys.push(Key::dot(GREY, "reading"));
     if result.both.is_some() {
-        keys.push(Key::line(INK, 1, "mean of both (dashed)"));
+        keys.push(Key::dashed(INK, 1, "mean of both"));
     }
     legend(area, &keys, 74, 12)
 }

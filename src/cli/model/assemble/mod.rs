@@ -16,7 +16,7 @@ use volcomp_model::{AxisSpec, ErrorSymbol, ModelSpec};
 use volcomp_units::axes::AxisName;
 use volcomp_units::{mm_from_um, rad_from_arcsec};
 
-/// Put several measurements together: one model, gauge applied once, overlaps tested, sources kept
+/// Put several measurements together: one model, one datum and reference-line convention, overlaps tested, sources kept
 ///
 /// Inputs are model files as `volcomp fit` and `volcomp identify` write them, each with some errors, and tables of
 /// measured motions. Where two state the same error they are transferred to one reference point and compared; what

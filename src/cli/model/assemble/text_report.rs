@@ -41,7 +41,7 @@ impl Report<'_> {
             out.push("removed, because it is the set-up of the instrument".to_owned());
             out.extend(self.done.dropped.iter().map(|d| format!("  {}", self.dropped(d))));
         }
-        out.extend(gauge::lines(spec));
+        out.extend(gauge::lines(spec, true));
         out
     }
 

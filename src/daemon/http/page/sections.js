@@ -83,7 +83,7 @@ export function showVerification(found, status) {
   byId("verification").textContent = found && found.problem ? "Cannot be read: " + found.problem : "None is stated.";
   const measured = [choice.date, choice.instruments.join(", ")].filter((word) => word).join(", ");
   byId("verification-note").textContent = (measured ? "The model was measured: " + measured + ". " : "")
-    + "`volcomp verify --record` writes a verification for this page.";
+    + "volcomp verify --record writes a verification for this page.";
 }
 
 /** What shadow mode has found, per axis. */
