@@ -595,8 +595,8 @@ impl Compensator {
         let offset = self.offset();
         if dt > 0.0 {
             self.read_back.sent(&offset);
-            self.note_reach();
         }
+        self.note_reach();
         self.detail = None;
         self.note_stop();
         CycleOutput {

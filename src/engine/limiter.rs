@@ -121,7 +121,7 @@ impl Limiter {
 
     /// The rate of the target that is followed: the mean of its last two steps, built up by at most `change` a step from zero.
     ///
-    /// Of a target that jumps to and fro the rate of a step would outweigh the distance left, and the offset would leave its range.
+    /// Of a target that jumps to and fro the rate of a step would outweigh the distance left, and the offset would leave its range far.
     fn followed(&self, moved: f64, change: f64) -> f64 {
         let mean = f64::midpoint(moved, self.last_moved);
         let built_up = if mean * self.along > 0.0 { self.along.abs() } else { 0.0 };
@@ -251,9 +251,10 @@ mod tests {
     }
 
     proptest! {
-        /// Positions of a control that alternate, or that are those of some cycles ago in every second frame.
+        /// Positions of a control that alternate, or that are those of some cycles ago in every second frame: the offset stays
+        /// within three quarters of their range beside it, whatever rate^2 / (2 acceleration) is.
         #[test]
-        fn a_target_to_and_fro_holds_the_offset_in_its_range(
+        fn a_target_to_and_fro_keeps_the_offset_near_its_range(
             middle in -0.05..0.05_f64,
             half in 1e-4..0.03_f64,
             pattern in prop_oneof![
@@ -275,9 +276,7 @@ mod tests {
                 l.step(*target, 1e-3);
                 if k > 1000 {
                     let outside = (l.position() - high).max(low - l.position());
-                    // what a saw-tooth shows in a period is followed for as long
-                    let allowed = 0.75 * (high - low);
-                    prop_assert!(outside <= allowed, "cycle {k}: {outside} mm outside {low} to {high}");
+                    prop_assert!(outside <= 0.75 * (high - low), "cycle {k}: {outside} mm outside {low} to {high}");
                 }
             }
         }

@@ -103,10 +103,9 @@ impl Compensator {
             applied[k].clamp(-most, most)
         });
         if self.sending == Sending::NotYet {
-            self.start_at(&held);
             self.reach = None;
-            self.note_reach();
-        } else if within_a_step {
+        }
+        if self.sending == Sending::NotYet || within_a_step {
             self.start_at(&held);
         } else if immobile {
             // nothing moves: the answers approach what the control holds, in steps that would be allowed anyway

@@ -132,6 +132,16 @@ fn what_the_control_was_sent_on_the_link_before_or_less_is_where_a_new_one_start
 }
 
 #[test]
+fn an_offset_that_was_followed_in_the_last_answer_of_a_link_is_where_a_new_one_starts() {
+    let mut w = World::active(&config());
+    w.lost_cycles(20);
+    let held = x_only(-0.0105);
+    assert_eq!(w.reports(held).expect("answered").offset, held);
+    w.new_link();
+    assert!(w.reports(held).is_some() && !w.engine.is_silenced());
+}
+
+#[test]
 fn an_offset_found_on_a_new_link_is_led_back_up_to_twice_the_limit() {
     for (found, led_back) in [(0.049, true), (0.051, true), (0.0999, true), (0.1001, false), (5.0, false)] {
         for (sign, enabled) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {
