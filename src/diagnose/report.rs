@@ -48,6 +48,14 @@ pub struct Report {
     pub seed: u64,
 }
 
+impl Report {
+    /// True where all sets of effects were compared, as of few readings: the fit holds all of them, and none is held out.
+    #[must_use]
+    pub const fn is_compared(&self) -> bool {
+        self.discrepancy_um.is_some()
+    }
+}
+
 /// The answer in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]

@@ -201,9 +201,8 @@ impl Compensable {
 /// What to do about a cause, empty where the catalogue has nothing; nothing is asked for where the effect is a twentieth of the
 /// gap or less.
 pub(super) fn remedy(cause: &Cause, found: &Diagnosis) -> &'static str {
-    let label = cause.label();
-    let size = found.budget.corrections.iter().find(|x| x.label == label).map(|x| x.size_um.value);
-    if size.is_some_and(|s| s <= NEGLIGIBLE * found.budget.before.rms_um) {
+    let b = &found.budget;
+    if b.correction(&cause.label()).is_some_and(|x| x.size_um.value <= NEGLIGIBLE * b.before.rms_um) {
         return "significant, but negligible in this gap";
     }
     Effect::find(&cause.effect).map_or("", |e| e.remedy)
@@ -265,7 +264,7 @@ pub(super) fn headline(found: &Diagnosis) -> String {
 /// The larger part of what no cause explains: a drift counts where the comparison of few readings says that it is one.
 fn unexplained(found: &Diagnosis) -> String {
     let (r, b) = (&found.report, &found.budget);
-    if r.discrepancy_um.is_some() && b.drift_um > b.unexplained_um && r.unexplained.rms_um >= b.drift_um {
+    if r.is_compared() && b.drift_um > b.unexplained_um && r.unexplained.rms_um >= b.drift_um {
         format!("{} µm is slow drift of unknown source", um(b.drift_um))
     } else {
         format!("{} µm is unexplained", um(b.unexplained_um))

@@ -140,7 +140,7 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
         say!("  {:NAME$} {:>15} {:>6}  {:>5}  remedy", "cause", "size, µm (k=2)", "share", "prob.");
         for c in declared {
             let label = c.label();
-            let size = found.budget.corrections.iter().find(|x| x.label == label);
+            let size = found.budget.correction(&label);
             let size = size.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
             let share = shares.cause(&label).map_or_else(|| "-".to_owned(), percent);
             say!(

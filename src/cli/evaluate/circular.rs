@@ -8,7 +8,9 @@ use serde_json::{Map, Value, json};
 
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
-use super::{CompareOptions, Compared, Figures, Output, assess, is_flat, put_before, side_by_side, values};
+use super::{
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, put_before, side_by_side, values,
+};
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
@@ -285,15 +287,8 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     let read = |path: &Path| read(path, centring, options.feed_mm_per_min, None, u);
     let [before, after] = [read(files[0])?, read(files[1])?];
     let shown = [&before, &after].map(|test| test.shown(options.plane, options.radius_mm));
-    let common = drawing::scale(&shown);
-    let own = drawing::scale(&shown[1..]);
-    let mut plots = vec![
-        ("Before", drawing::single(&shown[0], common)?),
-        ("After, same scale", drawing::single(&shown[1], common)?),
-    ];
-    if is_flat([0.0, own], [0.0, common]) {
-        plots.push(("After, own scale", drawing::single(&shown[1], own)?));
-    }
+    let scales = [&shown[..], &shown[1..]].map(|tests| [0.0, drawing::scale(tests)]);
+    let plots = before_and_after(shown.each_ref(), scales, |test, [_, scale]| drawing::single(test, scale))?;
     let figures = side_by_side(
         [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, test.uncertainties)),
     );

@@ -9,7 +9,8 @@ use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, change, is_flat, percent, put_before, show, side_by_side,
+    CompareOptions, Compared, Figures, Output, before_and_after, change, percent, put_before, show,
+    side_by_side,
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
@@ -271,11 +272,8 @@ fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated, Failure> {
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
     let read = |path: &Path| about_means(path, read(path)?);
     let [before, after] = [read(files[0])?, read(files[1])?];
-    let (y, own) = (scale(&after, Some(&before)), scale(&after, None));
-    let mut plots = vec![("Before", plot(&before, y)?), ("After, same scale", plot(&after, y)?)];
-    if is_flat(own, y) {
-        plots.push(("After, own scale", plot(&after, own)?));
-    }
+    let scales = [scale(&after, Some(&before)), scale(&after, None)];
+    let plots = before_and_after([&before, &after], scales, plot)?;
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     let placed = |test: &Evaluated| -> Vec<Placed> {
         let curve =

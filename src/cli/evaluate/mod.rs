@@ -289,6 +289,19 @@ fn is_flat(own: [f64; 2], common: [f64; 2]) -> bool {
     own[1] - own[0] < OWN_SCALE * (common[1] - common[0])
 }
 
+/// Two tests at the common scale, and the one after at its own where little is left.
+fn before_and_after<T>(
+    [before, after]: [&T; 2],
+    [common, own]: [[f64; 2]; 2],
+    plot: impl Fn(&T, [f64; 2]) -> Svg,
+) -> Result<Vec<(&'static str, String)>, Failure> {
+    let mut plots = vec![("Before", plot(before, common)?), ("After, same scale", plot(after, common)?)];
+    if is_flat(own, common) {
+        plots.push(("After, own scale", plot(after, own)?));
+    }
+    Ok(plots)
+}
+
 /// A value with two decimals, or a dash.
 pub(crate) fn show(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))

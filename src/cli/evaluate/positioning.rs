@@ -8,7 +8,8 @@ use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, is_flat, put_before, show, side_by_side, values,
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, put_before, show,
+    side_by_side, values,
 };
 use crate::Failure;
 use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
@@ -458,11 +459,8 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     }
     let scale = common_scale([&before, &after]);
     let plot = |test: &Evaluated, scale| drawing::single(&test.shown(), scale, drawing::HEIGHT);
-    let mut plots = vec![("Before", plot(&before, scale)?), ("After, same scale", plot(&after, scale)?)];
     let own = drawing::scale([Some(&after.result)], [&after.readings[..]]);
-    if is_flat(own, scale) {
-        plots.push(("After, own scale", plot(&after, own)?));
-    }
+    let plots = before_and_after([&before, &after], [scale, own], plot)?;
     let of_key = |(key, ..): &(&str, _, _)| [&before, &after].map(|test| whole(&test.uncertainties, key));
     let placed = |test: &Evaluated| test.readings.iter().map(|r| placed(0, r)).collect();
     Ok(Compared {

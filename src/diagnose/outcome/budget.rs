@@ -54,6 +54,14 @@ pub struct Budget {
     pub corrections: Vec<Correction>,
 }
 
+impl Budget {
+    /// What the correction of a declared cause achieves, by its label.
+    #[must_use]
+    pub fn correction(&self, label: &str) -> Option<&Correction> {
+        self.corrections.iter().find(|c| c.label == label)
+    }
+}
+
 /// A part program: readings of one setup, with the same moving axes, feed and tool.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProgramResidual {

@@ -142,13 +142,13 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     page.note(format!(
         "Size: RMS of the effect over the readings; uncertainties are expanded (k = 2). Share: of the mean square of the gap{}, \
          as the RMS of the gap with only this corrected, and with this corrected as the last. Causes in grey are not established.{assumed}",
-        if r.discrepancy_um.is_some() { "" } else { " on readings held out of the fit" }
+        if r.is_compared() { "" } else { " on readings held out of the fit" }
     ));
 }
 
 fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable, shares: &Shares) -> Vec<Cell> {
     let label = c.label();
-    let correction = found.budget.corrections.iter().find(|x| x.label == label);
+    let correction = found.budget.correction(&label);
     let size = correction.map(|x| x.size_um);
     let (before, after) = (found.budget.before, found.budget.after);
     let alone = correction.map_or_else(
