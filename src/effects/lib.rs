@@ -29,4 +29,4 @@ pub use lever::Lever;
 pub use library::{EFFECTS, forms, squareness_symbol};
 pub use polynomial::{legendre, twist};
 pub use shape::{REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
-pub use units::unit_of;
+pub use units::{prior_sd, unit_of};

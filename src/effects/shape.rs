@@ -55,6 +55,11 @@ pub(crate) trait Form {
         Vec::new()
     }
 
+    /// Largest deviation per unit of the first parameter where that is a peak over time; none elsewhere.
+    fn peak(&self) -> Option<f64> {
+        None
+    }
+
     /// False where a length or time is not above zero or a place is not finite.
     fn is_valid(&self) -> bool {
         true
@@ -118,6 +123,12 @@ impl Shape {
     #[must_use]
     pub fn fixed(&self) -> Vec<(String, f64)> {
         self.form().fixed()
+    }
+
+    /// Largest deviation per unit of the first parameter where that is a peak over time.
+    #[must_use]
+    pub fn peak(&self) -> Option<f64> {
+        self.form().peak()
     }
 
     /// How it is drawn.

@@ -79,13 +79,25 @@ fn is_coefficient(name: &str) -> bool {
 
 /// Physical parameters of a cause with unit and expanded uncertainty (k = 2), the angle of a pair with the symbol and the sign of
 /// ISO 230-1; coefficients of series are left out.
-pub(super) fn parameters(cause: &Cause) -> Vec<String> {
+pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
     // what neither has a value nor an uncertainty was not seen
     let seen = |v: &Value| v.value != 0.0 || v.std > 0.0;
-    let physical = cause.parameters.iter().filter(|(name, v)| !is_coefficient(name) && seen(v));
+    // a height under two exponentials is no height: the peak is
+    let peaks = cause.parameters.contains_key("peak_um");
+    let told = |name: &str| !is_coefficient(name) && !(peaks && name == "height_um");
+    let physical = cause.parameters.iter().filter(|(name, v)| told(name) && seen(v));
+    let turns = matches!(cause.subject.as_str(), "a" | "b" | "c");
+    let thermometer =
+        found.addition.effects.iter().find(|e| e.name == cause.effect && e.subject == cause.subject);
+    let mut sources: Vec<String> =
+        thermometer.into_iter().flat_map(|e| e.shape.signals()).map(|s| format!("by {}", s.source)).collect();
+    sources.dedup();
     physical
         .map(|(name, v)| {
-            let (stem, unit) = unit_of(name).unwrap_or((name, ""));
+            let (stem, unit) = match unit_of(name).unwrap_or((name, "")) {
+                (stem, "µm/m") if turns => (stem, "µrad/rad"),
+                other => other,
+            };
             let symbol = squareness_symbol(&cause.subject).filter(|_| cause.effect == "squareness");
             let (what, sign) = symbol
                 .map_or_else(|| (stem.trim_end_matches("_1").replace('_', " "), 1.0), |(s, k)| (s.into(), k));
@@ -98,6 +110,7 @@ pub(super) fn parameters(cause: &Cause) -> Vec<String> {
             }
             text.trim().to_owned()
         })
+        .chain(sources)
         .collect()
 }
 
@@ -123,10 +136,9 @@ pub(super) fn with_names(text: &str) -> String {
     text.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
 
-/// Shares of the mean square of the gap: each cause, then what is unexplained, drift and noise. They add up to 1; a cause that
-/// makes readings held out worse has a negative one.
+/// Shares of the mean square of the gap that are no cause's: what is unexplained, drift and noise. With those of the causes they
+/// add up to 1.
 pub(super) struct Shares {
-    causes: BTreeMap<String, f64>,
     /// Neither cause nor drift nor noise.
     pub(super) unexplained: f64,
     /// Drift.
@@ -137,33 +149,21 @@ pub(super) struct Shares {
 
 impl Shares {
     pub(super) fn of(budget: &Budget) -> Self {
-        let whole = budget.before.rms_um.powi(2).max(1e-18);
-        let mut before = budget.before.rms_um;
-        let mut causes = BTreeMap::new();
-        for (label, left) in &budget.steps {
-            causes.insert(label.clone(), (before.powi(2) - left.rms_um.powi(2)) / whole);
-            before = left.rms_um;
-        }
+        let of = |rms_um: f64| rms_um.powi(2) / budget.before.rms_um.powi(2).max(1e-18);
         Self {
-            causes,
-            unexplained: budget.unexplained_um.powi(2) / whole,
-            drift: budget.drift_um.powi(2) / whole,
-            noise: budget.noise_um.powi(2) / whole,
+            unexplained: of(budget.unexplained_um),
+            drift: of(budget.drift_um),
+            noise: of(budget.noise_um),
         }
     }
+}
 
-    /// The causes in the order of their shares, largest first; those without one as they come, behind.
-    pub(super) fn sorted<'a>(&self, causes: impl Iterator<Item = &'a Cause>) -> Vec<&'a Cause> {
-        let share = |c: &Cause| self.cause(&c.label()).unwrap_or(f64::NEG_INFINITY);
-        let mut all: Vec<&Cause> = causes.collect();
-        all.sort_by(|a, b| share(b).total_cmp(&share(a)));
-        all
-    }
-
-    /// Share of a cause, by its label.
-    pub(super) fn cause(&self, label: &str) -> Option<f64> {
-        self.causes.get(label).copied()
-    }
+/// Causes in the order of their shares, largest first; those without one as they come, behind.
+pub(super) fn sorted<'a>(budget: &Budget, causes: impl Iterator<Item = &'a Cause>) -> Vec<&'a Cause> {
+    let share = |c: &Cause| budget.correction(&c.label()).map_or(f64::NEG_INFINITY, |x| x.share);
+    let mut all: Vec<&Cause> = causes.collect();
+    all.sort_by(|a, b| share(b).total_cmp(&share(a)));
+    all
 }
 
 /// What volcompd does with each cause declared.
@@ -198,12 +198,17 @@ impl Compensable {
     }
 }
 
-/// What to do about a cause, empty where the catalogue has nothing; nothing is asked for where the effect is a twentieth of the
-/// gap or less.
+/// What to do about a cause, empty where the catalogue has nothing; nothing is asked for where its correction does harm or the
+/// effect is a twentieth of the gap or less.
 pub(super) fn remedy(cause: &Cause, found: &Diagnosis) -> &'static str {
     let b = &found.budget;
-    if b.correction(&cause.label()).is_some_and(|x| x.size_um.value <= NEGLIGIBLE * b.before.rms_um) {
-        return "significant, but negligible in this gap";
+    if let Some(x) = b.correction(&cause.label()) {
+        if x.share < 0.0 {
+            return "none: beside the other causes its correction makes readings held out worse";
+        }
+        if x.size_um.value <= NEGLIGIBLE * b.before.rms_um {
+            return "significant, but negligible in this gap";
+        }
     }
     Effect::find(&cause.effect).map_or("", |e| e.remedy)
 }
@@ -220,8 +225,10 @@ fn listed(names: &[String]) -> String {
 pub(super) fn headline(found: &Diagnosis) -> String {
     let r = &found.report;
     let repeating = |c: &&Cause| c.declared && c.kind != Kind::Stochastic;
-    let sorted = Shares::of(&found.budget).sorted(r.causes.iter().filter(repeating));
-    let names: Vec<String> = sorted.into_iter().map(|c| name(&c.effect, &c.subject)).collect();
+    let names: Vec<String> = sorted(&found.budget, r.causes.iter().filter(repeating))
+        .into_iter()
+        .map(|c| name(&c.effect, &c.subject))
+        .collect();
     let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
     let s = &r.shrink;
     let after = format!(
@@ -315,7 +322,7 @@ mod tests {
     fn labels_become_names_and_prose_stays() {
         assert_eq!(
             with_names("resembles scale:x, (ambient-drift) of 3 um; no load, scale or cold-start"),
-            "resembles linear positioning error (scale) of X, (thermal drift of the structure) of 3 µm; no load, scale or cold-start"
+            "resembles scale error of X, (thermal drift of the structure) of 3 µm; no load, scale or cold-start"
         );
     }
 

@@ -12,7 +12,8 @@ use volcomp_diagnose::report::Cause;
 use volcomp_diagnose::session::Session;
 
 use super::terms::{
-    Compensable, Shares, headline, name, parameters, peak_to_valley, percent, remedy, um, with_uncertainty,
+    Compensable, Shares, headline, name, parameters, peak_to_valley, percent, remedy, sorted, um,
+    with_uncertainty,
 };
 
 /// Drift below this share of the noise hides nothing.
@@ -133,23 +134,23 @@ pub(super) fn summary(
 fn table(found: &Diagnosis, compensable: &Compensable) {
     let r = &found.report;
     let shares = Shares::of(&found.budget);
-    let declared = shares.sorted(r.causes.iter().filter(|c| c.declared));
+    let declared = sorted(&found.budget, r.causes.iter().filter(|c| c.declared));
     let others = || r.causes.iter().filter(|c| !c.declared).take(CANDIDATES);
     if !declared.is_empty() {
         say!();
         say!("  {:NAME$} {:>15} {:>6}  {:>5}  remedy", "cause", "size, µm (k=2)", "share", "prob.");
         for c in declared {
             let label = c.label();
-            let size = found.budget.correction(&label);
-            let size = size.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
-            let share = shares.cause(&label).map_or_else(|| "-".to_owned(), percent);
+            let found_size = found.budget.correction(&label);
+            let size = found_size.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
+            let share = found_size.map_or_else(|| "-".to_owned(), |x| percent(x.share));
             say!(
                 "  {:NAME$} {size:>15} {share:>6}  {:>5.2}  {}",
                 format!("{} ({label})", name(&c.effect, &c.subject)),
                 c.probability,
                 remedy(c, found)
             );
-            let mut values = parameters(c);
+            let mut values = parameters(found, c);
             if let (true, Some(v)) = (values.is_empty(), peak_to_valley(found, &label)) {
                 values.push(format!("peak to valley {} µm", with_uncertainty(v)));
             }

@@ -43,7 +43,9 @@ impl Component {
 pub struct Structure {
     /// Rows of the session behind each reading or mean of readings, in order.
     pub groups: Vec<Vec<usize>>,
-    /// Variance of the white noise of each, relative.
+    /// White noise of the best instrument, um.
+    pub white_um: f64,
+    /// Variance of the white noise of each, relative to it.
     pub white: Vec<f64>,
     /// Components with their matrices, unit variance.
     pub components: Vec<(Component, DMatrix<f64>)>,
@@ -212,7 +214,7 @@ impl Structure {
         }
         let offsets = offsets(session, &groups);
         let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
-        Self { groups, white, components, offsets, duration_s, near, means, places }
+        Self { groups, white_um: least, white, components, offsets, duration_s, near, means, places }
     }
 }
 

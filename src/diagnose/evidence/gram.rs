@@ -16,6 +16,8 @@ pub(super) struct Columns {
     pub(super) values: DMatrix<f64>,
     /// First column and number of columns of each variant.
     pub(super) span: Vec<(usize, usize)>,
+    /// Largest scale of the effect size of each variant, in standard deviations of the white noise: what mechanics allow.
+    pub(super) largest: Vec<f64>,
     /// Label of each variant.
     pub(super) label: Vec<usize>,
     /// Number of labels.
@@ -93,11 +95,6 @@ impl Gram {
         known.entry(column).or_insert_with(|| Rc::new(self.w.tr_mul(&self.w.column(column)))).clone()
     }
 
-    /// Scale of the columns of a member: standard deviation of each of its coefficients in units of the white noise.
-    fn factor(member: Member, width: usize) -> f64 {
-        EFFECT_SCALES[member.scale] / (width.max(1) as f64).sqrt()
-    }
-
     /// White noise that is most likely beside a set, um.
     pub(super) fn sigma(&self, set: &Conditioned) -> f64 {
         (set.left / self.freedom.max(1.0)).sqrt()
@@ -108,7 +105,7 @@ impl Gram {
         for m in set {
             let (first, width) = columns.span[m.variant];
             at.extend(first..first + width);
-            factors.extend(std::iter::repeat_n(Self::factor(*m, width), width));
+            factors.extend(std::iter::repeat_n(columns.factor(*m), width));
         }
         let k = at.len();
         if k == 0 {
@@ -159,8 +156,9 @@ impl Gram {
         for variant in variants {
             let (first, k) = columns.span[*variant];
             let (w, t) = self.beside(set, *variant, (first, k));
-            for (scale, s) in EFFECT_SCALES.iter().enumerate() {
-                let factor = s * s / k as f64;
+            for scale in columns.scales(*variant) {
+                let member = Member { variant: *variant, scale, average: 0.0 };
+                let factor = columns.factor(member).powi(2);
                 let (mut drop, mut volume) = (0.0, 0.0);
                 for (w, t) in w.iter().zip(t.iter()) {
                     drop += factor * t * t / (1.0 + factor * w);
@@ -170,7 +168,7 @@ impl Gram {
                 let e = base - 0.5 * volume - 0.5 * self.freedom * (left / set.left).ln();
                 all.push(e);
                 if best.is_none_or(|(_, b)| e > b) {
-                    best = Some((Member { variant: *variant, scale, average: 0.0 }, e));
+                    best = Some((member, e));
                 }
             }
         }
@@ -201,6 +199,18 @@ impl Gram {
 }
 
 impl Columns {
+    /// Standard deviation of each coefficient of a member, in units of the white noise.
+    pub(super) fn factor(&self, member: Member) -> f64 {
+        let (_, width) = self.span[member.variant];
+        EFFECT_SCALES[member.scale].min(self.largest[member.variant]) / (width.max(1) as f64).sqrt()
+    }
+
+    /// Places of the scales that a variant can have; above its largest they are all alike.
+    fn scales(&self, variant: usize) -> std::ops::RangeInclusive<usize> {
+        let below = EFFECT_SCALES.iter().filter(|s| **s < self.largest[variant]).count();
+        0..=below.min(EFFECT_SCALES.len() - 1)
+    }
+
     /// The same with the columns of some variants only.
     pub(super) fn only(&self, variants: &BTreeSet<usize>) -> Self {
         let mut span = vec![(0, 0); self.span.len()];
@@ -213,6 +223,7 @@ impl Columns {
         Self {
             values: self.values.select_columns(&kept),
             span,
+            largest: self.largest.clone(),
             label: self.label.clone(),
             labels: self.labels,
             variants: self.variants.clone(),
@@ -221,24 +232,29 @@ impl Columns {
         }
     }
 
-    /// Scales raw columns (a row of `width` values per reading) and finds those that offsets leave under white noise.
+    /// Scales raw columns (a row of `width` values per reading) and finds those that offsets leave under white noise;
+    /// `largest` is the largest standard deviation of each coefficient in units of the white noise.
     pub(super) fn new(
         raw: &[f64],
         rows: usize,
-        span: Vec<(usize, usize)>,
-        label: Vec<usize>,
+        (span, label): (Vec<(usize, usize)>, Vec<usize>),
+        largest: &[f64],
         rank: &[usize],
         white: &Covariance,
     ) -> Self {
         let labels = rank.len();
         let width = span.last().map_or(0, |(at, k)| at + k);
         let mut values = DMatrix::from_row_slice(rows, width, raw);
+        let mut norms = Vec::with_capacity(width);
         for mut c in values.column_iter_mut() {
             let norm = (c.norm_squared() / rows.max(1) as f64).sqrt();
             if norm > 0.0 {
                 c /= norm;
             }
+            norms.push(norm);
         }
+        let of = |(at, k): &(usize, usize)| (*at..at + k).map(|c| largest[c] * norms[c]).fold(0.0, f64::max);
+        let largest = span.iter().map(|s| of(s)).collect();
         let seen = white.whiten(&values);
         let is_seen = |(at, k): &(usize, usize)| {
             let left: f64 = (*at..at + k).map(|c| seen.column(c).norm_squared()).sum();
@@ -270,7 +286,7 @@ impl Columns {
         }
         aliases.dedup();
         let visible = variants.iter().filter(|v| !v.is_empty()).count();
-        Self { values, span, label, labels, variants, visible, aliases }
+        Self { values, span, largest, label, labels, variants, visible, aliases }
     }
 }
 

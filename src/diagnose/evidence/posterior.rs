@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{
-    EFFECT_SCALES, LEAST_PROBABILITY, LITTLE, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE,
-    TIMES,
+    LEAST_PROBABILITY, LITTLE, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES,
 };
 use super::super::library::{Kind, Library, Shape};
 use super::super::search::raw_columns;
@@ -15,6 +14,7 @@ use super::covariance::{Component, Covariance, Structure};
 use super::gram::{Columns, Gram, Member};
 use super::scales::{self, Rungs, Target};
 use super::sets::{self, Sets};
+use volcomp_effects::prior_sd;
 
 /// An effect that some likely set holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,7 +108,7 @@ impl Search {
         let mut data = vec![self.y.clone()];
         for m in members {
             let (at, k) = self.columns.span[m.variant];
-            let factor = EFFECT_SCALES[m.scale] / (k as f64).sqrt();
+            let factor = self.columns.factor(*m);
             data.extend((at..at + k).map(|c| self.columns.values.column(c) * factor));
         }
         Target { structure: &self.structure, weights: &self.weights, data: DMatrix::from_columns(&data) }
@@ -272,7 +272,10 @@ pub(super) fn compare(
     }
     let label = library.variants.iter().map(|v| v.label).collect();
     let rank = ranks(library);
-    let columns = Columns::new(&raw, n, span, label, &rank, &white);
+    let names = library.variants.iter().flat_map(|v| v.shape.parameters());
+    let largest: Vec<f64> =
+        names.map(|p| prior_sd(&p).map_or(f64::INFINITY, |sd| sd / base.white_um)).collect();
+    let columns = Columns::new(&raw, n, (span, label), &largest, &rank, &white);
     let mut outlying: Vec<(usize, f64)> = Vec::new();
     for round in 0.. {
         let mut search = Search {

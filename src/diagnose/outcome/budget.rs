@@ -1,9 +1,10 @@
 //! The gap from its size down to the noise, cause by cause, and what the correction of each cause alone achieves.
 //!
-//! Rule of combination: mean squares of the readings held out are subtracted one after the other, the cause that reduces the
-//! gap most first. The steps add up to the mean square of the gap by construction; a step of two correlated causes depends on
-//! their order, the sum does not. What the causes leave is divided into noise, drift and the rest, in this order. Where few
-//! readings were compared by evidence, the readings are those of the fit, and discrepancy and drift their posterior means.
+//! Rule of combination: the share of a cause is its Shapley value of the mean square of the readings held out. For mean squares
+//! that is the mean of what its correction takes out alone and of what it takes out beside all others, so the shares depend on
+//! no order and add up to what all causes take out. What the causes leave is divided into noise, drift and the rest, in this
+//! order. Where few readings were compared by evidence, the readings are those of the fit, and discrepancy and drift their
+//! posterior means.
 
 use super::super::Analysis;
 use super::super::decision::Assessed;
@@ -33,6 +34,8 @@ pub struct Correction {
     pub alone: Level,
     /// The gap where all other declared causes are corrected and this one is not.
     pub all_others: Level,
+    /// Its share of the mean square of the gap; negative where its correction makes readings held out worse.
+    pub share: f64,
 }
 
 /// The gap from its size down to the noise.
@@ -40,8 +43,6 @@ pub struct Correction {
 pub struct Budget {
     /// The gap as measured.
     pub before: Level,
-    /// Declared causes in the order in which they are subtracted, with what is left after each.
-    pub steps: Vec<(String, Level)>,
     /// The gap without all declared causes.
     pub after: Level,
     /// Part of `after` that is neither noise nor drift, RMS, um.
@@ -50,7 +51,7 @@ pub struct Budget {
     pub drift_um: f64,
     /// Part that is noise, RMS, um.
     pub noise_um: f64,
-    /// Each declared cause.
+    /// Each declared cause, the largest share first.
     pub corrections: Vec<Correction>,
 }
 
@@ -92,29 +93,23 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
     let declared: Vec<usize> = (0..assessed.len()).filter(|p| assessed[*p].is_declared()).collect();
     let before = level(&[]);
     let after = level(&declared);
-    let mut corrected: Vec<usize> = Vec::new();
-    let mut steps = Vec::new();
-    while corrected.len() < declared.len() {
-        let rest = declared.iter().filter(|p| !corrected.contains(p));
-        let next = rest
-            .map(|p| (*p, level(&[&corrected[..], &[*p]].concat())))
-            .min_by(|(_, a), (_, b)| a.rms_um.total_cmp(&b.rms_um));
-        let Some((place, left)) = next else { break };
-        corrected.push(place);
-        steps.push((assessed[place].label.to_string(), left));
-    }
-    let corrections = declared
+    let whole = before.rms_um.powi(2).max(f64::MIN_POSITIVE);
+    let mut corrections: Vec<Correction> = declared
         .iter()
         .map(|place| {
             let others: Vec<usize> = declared.iter().copied().filter(|p| p != place).collect();
+            let (alone, all_others) = (level(&[*place]), level(&others));
+            let taken = |from: Level, to: Level| from.rms_um.powi(2) - to.rms_um.powi(2);
             Correction {
                 label: assessed[*place].label.to_string(),
                 size_um: fitted.size_um(session, a, *place),
-                alone: level(&[*place]),
-                all_others: level(&others),
+                alone,
+                all_others,
+                share: 0.5 * (taken(before, alone) + taken(all_others, after)) / whole,
             }
         })
         .collect();
+    corrections.sort_by(|a, b| b.share.total_cmp(&a.share));
     let whole = after.rms_um.powi(2);
     let [unexplained, drift, noise] = match &a.comparison {
         Some(c) => {
@@ -129,15 +124,7 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
         }
     }
     .map(|v| v.max(0.0).sqrt());
-    Budget {
-        before,
-        steps,
-        after,
-        unexplained_um: unexplained,
-        drift_um: drift,
-        noise_um: noise,
-        corrections,
-    }
+    Budget { before, after, unexplained_um: unexplained, drift_um: drift, noise_um: noise, corrections }
 }
 
 /// The gap of each part program before and after, the largest left first.

@@ -35,7 +35,11 @@ pub(super) fn causes(
             shrink = (left(&|j| declared(j) && owner[j] != place) - left(&declared)) / first;
         }
         let mut parameters = parameters(a, x, place, owner, beta, covariance);
-        for (name, value) in a.library.variants[x.variant].shape.fixed() {
+        let shape = &a.library.variants[x.variant].shape;
+        if let (Some(peak), Some(v)) = (shape.peak(), parameters.get("height_um").copied()) {
+            parameters.insert("peak_um".to_owned(), Value { value: peak * v.value, std: peak * v.std });
+        }
+        for (name, value) in shape.fixed() {
             parameters.insert(name, Value { value, std: 0.0 });
         }
         all.push(cause(x, a, parameters, shrink));

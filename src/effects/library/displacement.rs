@@ -127,7 +127,9 @@ impl Form for Growth {
 
     fn fixed(&self) -> Vec<(String, f64)> {
         let lagged = self.signals.iter().zip(1..).filter(|(s, _)| s.tau_s > 0.0);
-        lagged.map(|(s, i)| (format!("time_constant_{i}_s"), s.tau_s)).collect()
+        let times = lagged.map(|(s, i)| (format!("time_constant_{i}_s"), s.tau_s));
+        let is_warmth = self.signals.iter().any(|s| matches!(s.source, Source::Temperature(_)));
+        times.chain(is_warmth.then(|| ("reference_degc".to_owned(), self.reference))).collect()
     }
 
     fn acts_along(&self) -> Option<Axis> {

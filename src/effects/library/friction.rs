@@ -112,6 +112,12 @@ impl Form for Spike {
         named(&[("rise_time_s", self.rise_s), ("fall_time_s", self.fall_s)])
     }
 
+    fn peak(&self) -> Option<f64> {
+        let (rise_s, fall_s) = (self.rise_s, self.fall_s);
+        let at_s = (fall_s / rise_s).ln() * rise_s * fall_s / (fall_s - rise_s);
+        Some((-at_s / fall_s).exp() - (-at_s / rise_s).exp()).filter(|peak| peak.is_finite())
+    }
+
     fn is_valid(&self) -> bool {
         self.rise_s > 0.0 && self.fall_s > 0.0
     }

@@ -1,11 +1,11 @@
-//! Linear positioning error.
+//! Scale errors: positioning errors proportional to the position.
 
 use crate::prelude::*;
 
 /// What is known of it.
 pub(crate) static SCALE: Effect = Effect {
     name: "scale",
-    title: "linear positioning error (scale) of {}",
+    title: "scale error of {}",
     synonyms: "positioning-scale linear-error pitch-error-linear",
     kind: Kind::Machine,
     subjects: Subjects::Axes,

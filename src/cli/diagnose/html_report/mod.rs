@@ -13,7 +13,7 @@ use charts::Figure;
 
 use super::terms::{
     Compensable, Shares, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent,
-    remedy, um, with_names, with_uncertainty,
+    remedy, sorted, um, with_names, with_uncertainty,
 };
 use crate::numerals::counted;
 
@@ -84,7 +84,7 @@ fn summary(page: &mut Page, found: &Diagnosis) {
             ),
         ),
     ];
-    if !found.budget.steps.is_empty() {
+    if !found.budget.corrections.is_empty() {
         rows.push((
             "Expected after correction",
             format!(
@@ -116,9 +116,8 @@ fn summary(page: &mut Page, found: &Diagnosis) {
 fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     let r = &found.report;
     page.heading("Causes");
-    let shares = Shares::of(&found.budget);
     let shown = r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE).take(14);
-    let shown = shares.sorted(shown);
+    let shown = sorted(&found.budget, shown);
     if shown.is_empty() {
         page.paragraph("None: no effect of the library is significant in these data.");
         return;
@@ -132,7 +131,7 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
         "physical parameters",
         "remedy",
     ];
-    let rows: Vec<Vec<Cell>> = shown.iter().map(|c| cause_row(c, found, compensable, &shares)).collect();
+    let rows: Vec<Vec<Cell>> = shown.iter().map(|c| cause_row(c, found, compensable)).collect();
     page.stacked_table(&head, &rows);
     let assumed = if compensable.is_assumed && !found.budget.corrections.is_empty() {
         " volcompd: without a model file a chain of three linear axes is assumed."
@@ -146,7 +145,7 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     ));
 }
 
-fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable, shares: &Shares) -> Vec<Cell> {
+fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable) -> Vec<Cell> {
     let label = c.label();
     let correction = found.budget.correction(&label);
     let size = correction.map(|x| x.size_um);
@@ -159,7 +158,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable, shares: &S
             format!("{alone} <br><small>after all others {last}</small>")
         },
     );
-    let mut values = parameters(c);
+    let mut values = parameters(found, c);
     let has_width = c.parameters.contains_key("width_um");
     if let Some(v) = peak_to_valley(found, &label).filter(|_| !has_width) {
         values.insert(0, format!("peak to valley {} µm", with_uncertainty(v)));
@@ -185,7 +184,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable, shares: &S
     let cells = vec![
         Cell::html(named(c)),
         Cell::number(size.map_or_else(|| "–".to_owned(), with_uncertainty)),
-        Cell::number(shares.cause(&label).map_or_else(|| "–".to_owned(), percent)),
+        Cell::number(correction.map_or_else(|| "–".to_owned(), |x| percent(x.share))),
         Cell::number(number(c.probability, 2)),
         Cell::html(alone),
         Cell::small(values.join("; ")),
@@ -206,16 +205,16 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
         ink: Ink::Grey,
     }];
     let mut from = b.before.rms_um;
-    for (label, left) in &b.steps {
-        let share = shares.cause(label).unwrap_or(0.0);
+    for x in &b.corrections {
+        let to = (from.powi(2) - x.share * b.before.rms_um.powi(2)).max(0.0).sqrt();
         rows.push(Bar {
-            label: capital(&name_of_label(label)),
+            label: capital(&name_of_label(&x.label)),
             from,
-            to: left.rms_um,
-            value: format!("→ {} µm, {}", um(left.rms_um), percent(share)),
+            to,
+            value: format!("→ {} µm, {}", um(to), percent(x.share)),
             ink: Ink::Blue,
         });
-        from = left.rms_um;
+        from = to;
     }
     let below = b.drift_um.hypot(b.noise_um);
     let rest = [
@@ -233,16 +232,16 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
     }
     page.html(&bars(&rows));
     page.note(
-        "RMS in µm; mean squares are subtracted in the order shown, so the shares add up to 100 %. Single steps of correlated causes depend on \
-         the order, their sum does not.",
+        "RMS in µm. The share of a cause is the mean of what its correction takes out of the mean square alone and beside all others; the \
+         shares add up to 100 %.",
     );
 }
 
 /// The largest fitted curves and measured against predicted; gives the figures for which the first sheet has no room.
 fn fitted(page: &mut Page, found: &Diagnosis) -> Vec<Figure> {
-    let declared = Shares::of(&found.budget).sorted(found.report.causes.iter().filter(|c| c.declared));
+    let declared = sorted(&found.budget, found.report.causes.iter().filter(|c| c.declared));
     let mut figures: Vec<Figure> = declared.into_iter().flat_map(|c| curves(found, c)).collect();
-    let has_steps = !found.budget.steps.is_empty();
+    let has_steps = !found.budget.corrections.is_empty();
     let agreement = has_steps.then(|| charts::measured_and_predicted(found)).flatten();
     let more = figures.split_off(figures.len().min(FIRST_FIGURES - usize::from(agreement.is_some())));
     let has_curves = !figures.is_empty();
@@ -283,7 +282,7 @@ fn annex(page: &mut Page, session: &Session, found: &Diagnosis, more: &[Figure])
     }
     let residuals = charts::residuals(session, found);
     if !residuals.is_empty() {
-        let is_gap = found.budget.steps.is_empty();
+        let is_gap = found.budget.corrections.is_empty();
         page.heading(if is_gap { "The gap over time and axes" } else { "The residual over time and axes" });
         page.figures(&residuals);
     }
@@ -293,7 +292,7 @@ fn programs(page: &mut Page, found: &Diagnosis) {
     if found.programs.len() < 2 {
         return;
     }
-    let is_gap = found.budget.steps.is_empty();
+    let is_gap = found.budget.corrections.is_empty();
     page.heading(if is_gap { "The gap by part program" } else { "Residual by part program" });
     let most = found.programs.iter().map(|p| p.before_um.max(p.after_um)).fold(1e-9, f64::max);
     let mut head = vec!["setup", "instrument", "axes", "feed, mm/min", "tool, mm", "readings"];
