@@ -84,6 +84,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         found: own,
         figures: figures(problem, library, selection, place, own.gain),
         same,
+        sums: Vec::new(),
         share: 1.0 / total,
         group_share: in_group / total,
         rivals,

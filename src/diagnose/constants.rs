@@ -106,7 +106,7 @@ pub(crate) const NINETY: f64 = 1.645;
 // Comparison of all sets of effects (sessions of one program).
 
 /// Programs up to which the comparison is exact.
-pub(crate) const PROGRAMS_MAX: usize = 1;
+pub(crate) const PROGRAMS_MAX: usize = 2;
 /// Readings that carry the comparison. Halved: effects below some 3 standard deviations are lost in long captures. Doubled:
 /// eight times the time.
 pub(crate) const ROWS_MAX: usize = 200;

@@ -65,6 +65,8 @@ pub struct Evidence {
     pub figures: Figures,
     /// Labels that the data cannot tell from it.
     pub same: Vec<Label>,
+    /// Pairs of labels that say the same together.
+    pub sums: Vec<[Label; 2]>,
     /// Its share among the effects that explain nearly as much, 0 to 1.
     pub share: f64,
     /// The share of its group.
@@ -108,6 +110,8 @@ pub struct Assessed {
     pub figures: Figures,
     /// Labels that the data cannot tell from it.
     pub same: Vec<Label>,
+    /// Pairs of labels that say the same together.
+    pub sums: Vec<[Label; 2]>,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,
     /// Probability that this effect, or one of `same`, is at work.
@@ -136,6 +140,7 @@ impl Assessed {
             found: e.found,
             figures: e.figures,
             same: e.same,
+            sums: e.sums,
             share: e.share,
             group_probability: real * e.group_share,
             probability,
@@ -269,6 +274,7 @@ mod tests {
             found: Found { variant: 0, gain: evidence, rank: 1, evidence },
             figures,
             same: Vec::new(),
+            sums: Vec::new(),
             share: 1.0,
             group_share: 1.0,
             rivals: Vec::new(),

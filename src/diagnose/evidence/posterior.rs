@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{
-    LEAST_PROBABILITY, LITTLE, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES,
+    LEAST_PROBABILITY, LITTLE, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES, TRIED,
 };
 use super::super::library::{Kind, Library, Shape};
 use super::super::search::raw_columns;
@@ -29,6 +29,8 @@ pub struct Contender {
     pub group_probability: f64,
     /// Labels that take its place in a set, with the posterior probability of those sets.
     pub rivals: Vec<(usize, f64)>,
+    /// Pairs of labels that say together what it says, in sets nearly as likely.
+    pub sums: Vec<[usize; 2]>,
     /// Labels with the same column.
     pub aliases: Vec<usize>,
     /// A member of the likeliest set.
@@ -136,6 +138,10 @@ impl Search {
             let first = self.settle(start, best.1)?;
             let second = self.settle(open, Vec::new())?;
             best = if second.2 > first.2 { second } else { first };
+        }
+        if let Some((gram, sets)) = self.visited.get_mut(&best.0) {
+            sets::restart(gram, &self.columns, &best.1, sets);
+            best = self.settle(best.0, best.1)?;
         }
         let (rungs, members, _) = best;
         if let Some((gram, sets)) = self.visited.get_mut(&rungs) {
@@ -379,9 +385,26 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             .max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
         let member = holder.1.0.iter().find(|m| search.columns.label[m.variant] == *label)?;
         let rivals = if chosen { rivals(search, gram, best, *label, &probability) } else { Vec::new() };
+        let in_its_place = |(labels, (_, w)): (&Vec<usize>, &(Vec<Member>, f64))| {
+            let added: Vec<usize> = labels.iter().copied().filter(|l| !best_labels.contains(l)).collect();
+            let kept = best_labels.iter().filter(|l| *l != label).all(|l| labels.contains(l));
+            let pair = <[usize; 2]>::try_from(added).ok()?;
+            // one of them alone is a rival
+            let alone = |other: usize| {
+                let rest: Vec<usize> = labels.iter().copied().filter(|l| *l != other).collect();
+                sets.get(&rest).is_some_and(|v| v.1 > *w)
+            };
+            let says_the_same = kept && !labels.contains(label) && *w > best_weight - STRONG;
+            (says_the_same && !pair.into_iter().any(alone)).then_some((pair, *w))
+        };
+        let mut sums: Vec<([usize; 2], f64)> =
+            if chosen { sets.iter().filter_map(in_its_place).collect() } else { Vec::new() };
+        sums.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let sums: Vec<[usize; 2]> = sums.into_iter().map(|(pair, _)| pair).take(TRIED).collect();
         let stands = |labels: &[usize]| {
             labels.contains(label)
                 || rivals.iter().any(|(r, _)| labels.contains(r) && !best_labels.contains(r))
+                || sums.iter().any(|pair| pair.iter().all(|l| labels.contains(l)))
         };
         let group: f64 = sets.iter().filter(|(l, _)| stands(l)).map(|(_, (_, w))| share(*w)).sum();
         let without = sets
@@ -396,6 +419,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             probability: *p,
             group_probability: group.min(1.0),
             rivals,
+            sums,
             aliases: search
                 .columns
                 .aliases

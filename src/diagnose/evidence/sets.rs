@@ -44,13 +44,19 @@ fn visit(sets: &mut Sets, columns: &Columns, members: &[Member], log_weight: f64
     }
 }
 
-/// Visits every set that has one more label than `members`.
-fn grow(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) -> Option<(Vec<Member>, f64)> {
+/// Visits every set that has one more label than `members`, other than `barred`.
+fn grow(
+    gram: &Gram,
+    columns: &Columns,
+    members: &[Member],
+    barred: Option<usize>,
+    sets: &mut Sets,
+) -> Option<(Vec<Member>, f64)> {
     let set = gram.condition(columns, members);
     let prior = extra(columns, members) + price(columns);
     let taken = key(columns, members);
     let mut best: Option<(Vec<Member>, f64)> = None;
-    for label in (0..columns.labels).filter(|l| !taken.contains(l)) {
+    for label in (0..columns.labels).filter(|l| !taken.contains(l) && barred != Some(*l)) {
         let Some(addition) = gram.addition(columns, &set, label) else { continue };
         let weight = addition.log_evidence + prior;
         let mut with = members.to_vec();
@@ -63,6 +69,32 @@ fn grow(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) -> 
     best
 }
 
+/// Forward search without `barred` until nothing is better; the set and its log weight.
+fn forward(
+    gram: &Gram,
+    columns: &Columns,
+    (mut members, mut weight): (Vec<Member>, f64),
+    barred: Option<usize>,
+    sets: &mut Sets,
+) -> (Vec<Member>, f64) {
+    while members.len() < MOST
+        && let Some((with, w)) = grow(gram, columns, &members, barred, sets)
+        && w > weight + 1e-6
+    {
+        (members, weight) = (with, w);
+    }
+    (members, weight)
+}
+
+/// Climbs again, from what forward search finds without each member in turn: one effect that resembles the sum of two comes in
+/// first and cannot be exchanged for both at once.
+pub(super) fn restart(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) {
+    for m in members {
+        let start = forward(gram, columns, (Vec::new(), gram.none), Some(columns.label[m.variant]), sets);
+        climb(gram, columns, &start.0, sets);
+    }
+}
+
 /// Forward search, then exchanges and removals of single members, until nothing is better; the highest log weight.
 pub(super) fn climb(gram: &Gram, columns: &Columns, start: &[Member], sets: &mut Sets) -> f64 {
     let mut members = start.to_vec();
@@ -70,12 +102,7 @@ pub(super) fn climb(gram: &Gram, columns: &Columns, start: &[Member], sets: &mut
     let mut weight = own_weight(gram, columns, &members);
     visit(sets, columns, &members, weight);
     loop {
-        while members.len() < MOST
-            && let Some((with, w)) = grow(gram, columns, &members, sets)
-            && w > weight + 1e-6
-        {
-            (members, weight) = (with, w);
-        }
+        (members, weight) = forward(gram, columns, (members, weight), None, sets);
         let mut best = (members.clone(), weight);
         for k in 0..members.len() {
             let mut rest = members.clone();
@@ -85,7 +112,7 @@ pub(super) fn climb(gram: &Gram, columns: &Columns, start: &[Member], sets: &mut
             if w > best.1 {
                 best = (rest.clone(), w);
             }
-            if let Some((with, w)) = grow(gram, columns, &rest, sets)
+            if let Some((with, w)) = grow(gram, columns, &rest, None, sets)
                 && w > best.1
             {
                 best = (with, w);
@@ -122,14 +149,14 @@ pub(super) fn explore(gram: &Gram, columns: &Columns, sets: &mut Sets) {
         let Some((labels, members)) = next else { return };
         done.insert(labels);
         if members.len() < MOST {
-            grow(gram, columns, &members, sets);
+            grow(gram, columns, &members, None, sets);
         }
         for k in 0..members.len() {
             let mut rest = members.clone();
             rest.remove(k);
             let w = own_weight(gram, columns, &rest);
             visit(sets, columns, &rest, w);
-            grow(gram, columns, &rest, sets);
+            grow(gram, columns, &rest, None, sets);
         }
     }
 }

@@ -10,7 +10,7 @@ use super::super::library::{Kind, Label};
 use super::super::offsets::{rms, without_offsets};
 use super::super::report::{Cause, Tests, Value};
 use super::super::session::Session;
-use super::rejection_text::why_not;
+use super::rejection_text::remark;
 
 /// Causes of the search, with their alternatives.
 pub(super) fn causes(
@@ -99,7 +99,7 @@ fn cause(x: &Assessed, a: &Analysis, parameters: BTreeMap<String, Value>, shrink
         re_expression_of: Vec::new(),
         parameters,
         shrink,
-        remark: why_not(x),
+        remark: remark(x),
         tests: Some(tests(x, a)),
     }
 }

@@ -22,7 +22,8 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
     let chosen: Vec<&Contender> = c.contenders.iter().filter(|x| x.chosen).collect();
     let evidence = |x: &Contender| {
         let mut same: Vec<Label> = Vec::new();
-        for l in x.aliases.iter().copied().chain(x.rivals.iter().map(|(r, _)| *r)).map(label) {
+        let rivals = x.rivals.iter().map(|(r, _)| *r).chain(x.sums.iter().flatten().copied());
+        for l in x.aliases.iter().copied().chain(rivals).map(label) {
             if !same.contains(&l) {
                 same.push(l);
             }
@@ -41,6 +42,7 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
             },
             figures: Figures::UNASKED,
             same,
+            sums: x.sums.iter().map(|pair| pair.map(label)).collect(),
             share: x.probability,
             group_share: x.group_probability,
             rivals: x.rivals.iter().map(relative).collect(),

@@ -2,9 +2,14 @@
 
 use super::super::decision::{Assessed, Cost, Reason};
 
-/// Why an effect is not declared; empty where it is.
-pub(super) fn why_not(x: &Assessed) -> String {
-    x.reason.map_or_else(String::new, words)
+/// Why an effect is not declared; of one that is, which pairs say the same.
+pub(super) fn remark(x: &Assessed) -> String {
+    let pairs = || x.sums.iter().map(|[a, b]| format!("{a} with {b}")).collect::<Vec<_>>().join(", or ");
+    match x.reason {
+        Some(reason) => words(reason),
+        None if x.sums.is_empty() => String::new(),
+        None => format!("on this plan the same as {} together", pairs()),
+    }
 }
 
 fn words(reason: Reason) -> String {

@@ -8,7 +8,7 @@ use super::super::localise::localise;
 use super::super::report::{Cause, Place, Unexplained, Value};
 use super::super::residual_structure::Structure;
 use super::super::session::Session;
-use super::rejection_text::why_not;
+use super::rejection_text::remark;
 use super::white_rms;
 
 /// Least structured variance that is called unexplained: in units of the noise, and as a share of what was there.
@@ -124,7 +124,7 @@ fn looks_like(
         words.push(format!("it goes with {}", factors.join(", with ")));
     }
     for x in proxies {
-        words.push(format!("resembles {}, but {}", x.label, why_not(x)));
+        words.push(format!("resembles {}, but {}", x.label, remark(x)));
     }
     for c in drifting {
         let n = a.noise[*c];
