@@ -236,6 +236,9 @@ pub struct Unexplained {
     pub places: Vec<Place>,
     /// In words.
     pub looks_like: String,
+    /// It comes back at each programmed point and has no other structure.
+    #[serde(skip)]
+    pub is_pointwise: bool,
 }
 
 /// A measurement that would tell.

@@ -45,3 +45,18 @@ pub fn prior_sd(name: &str) -> Option<f64> {
 pub fn unit_of(name: &str) -> Option<(&str, &'static str)> {
     UNITS.iter().find_map(|(end, unit)| Some((name.strip_suffix(end)?, *unit)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn acceleration_bends_and_turns_by_the_same_at_one_metre() {
+        let bend = prior_sd("compliance_um_per_m_per_s2").unwrap();
+        let first_hz = (1e6 / bend).sqrt() / core::f64::consts::TAU;
+        assert!((first_hz - 20.0).abs() < 0.5, "{first_hz}");
+        let turn = prior_sd("tilt_y_arcsec_per_m_per_s2").unwrap();
+        assert!((turn * crate::shape::UM_PER_ARCSEC_MM * 1000.0 - bend).abs() < 1e-9);
+        assert_eq!(prior_sd("width_um"), None);
+    }
+}

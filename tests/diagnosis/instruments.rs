@@ -8,6 +8,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
 use serde_json::Value;
 
 /// A small file made up for these tests.
@@ -334,6 +337,102 @@ fn a_long_circle_at_one_feed_needs_little_memory_and_time() {
     }
     // ten times the readings: at most ten times the time
     assert!(seconds[1] < 10.0 * seconds[0], "{seconds:?} s");
+}
+
+/// Normal noise of unit variance.
+fn noise(seed: u64) -> impl FnMut() -> f64 {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let normal = Normal::new(0.0, 1.0).unwrap();
+    move || normal.sample(&mut rng)
+}
+
+/// Circles of 150 mm about (425, 250) mm at some feeds, in both directions, with a squareness (radians of EC0Y), a scale of X and a
+/// backlash of X (um), and normal noise of 0.3 um.
+fn circles(feeds: &[f64], squareness_rad: f64, scale_ppm: f64, backlash_um: f64) -> String {
+    let mut table = "angle_deg,deviation_um,direction,feed_mm_per_min\n".to_owned();
+    let mut noise = noise(feeds.len() as u64);
+    for feed in feeds {
+        for direction in [1.0, -1.0] {
+            for k in 0..360 {
+                let angle = f64::from(k) * direction;
+                let (sin, cos) = angle.to_radians().sin_cos();
+                // the mounting is off centre by (3, -2) um
+                let (mut dx, mut dy) = (3.0, -2.0);
+                dx += 1e-3 * scale_ppm * (425.0 + 150.0 * cos) - 1e3 * squareness_rad * (250.0 + 150.0 * sin);
+                dx += 0.5 * backlash_um * (direction * sin).signum();
+                dx += 0.3 * noise();
+                dy += 0.3 * noise();
+                writeln!(table, "{angle},{:.4},{direction},{feed}", dx * cos + dy * sin).unwrap();
+            }
+        }
+    }
+    table
+}
+
+/// Names of the causes declared in circles, with their probability, and the report.
+fn declared_in_circles(table: &str) -> (Vec<(String, f64)>, Value) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("circle.csv");
+    std::fs::write(&path, table).unwrap();
+    let (report, _) = diagnose(&path, &["--radius-mm", "150", "--plane", "xy", "--centre-mm=425,250,-250"]);
+    let causes = report["causes"].as_array().unwrap().iter().filter(|c| c["declared"] == true);
+    let named = |c: &Value| format!("{}:{}", c["effect"].as_str().unwrap(), c["subject"].as_str().unwrap());
+    let mut all: Vec<(String, f64)> =
+        causes.map(|c| (named(c), c["probability"].as_f64().unwrap())).collect();
+    all.sort_by(|a, b| a.0.cmp(&b.0));
+    (all, report)
+}
+
+/// At 1000 mm/min the acceleration is 1.9 mm/s^2: a compliance that did this would be that of a soft spring.
+#[test]
+fn a_slow_circle_shows_a_squareness_and_no_effect_of_its_acceleration() {
+    let (found, report) = declared_in_circles(&circles(&[1000.0], 40e-6, 0.0, 0.0));
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].0 == "squareness:xy" && found[0].1 > 0.9, "{found:?}");
+    let angle = parameter(&report, "squareness", "xy", "angle_arcsec");
+    assert!((angle + 8.25).abs() < 0.3, "{angle}");
+}
+
+#[test]
+fn circles_at_two_feeds_are_compared_exactly() {
+    let (found, report) = declared_in_circles(&circles(&[500.0, 2000.0], -50e-6, 0.0, 4.0));
+    assert_eq!(found.iter().map(|f| f.0.as_str()).collect::<Vec<_>>(), ["backlash:x", "squareness:xy"]);
+    assert!(found.iter().all(|f| f.1 > 0.9), "{found:?}");
+    let width = parameter(&report, "backlash", "x", "width_um");
+    assert!((width - 4.0).abs() < 0.3, "{width}");
+}
+
+/// About this centre an angular error ECX is nearly the sum of both.
+#[test]
+fn one_effect_that_resembles_two_does_not_keep_them_out() {
+    let (found, _) = declared_in_circles(&circles(&[1000.0], -48.5e-6, 25.0, 0.0));
+    assert_eq!(found.iter().map(|f| f.0.as_str()).collect::<Vec<_>>(), ["scale:x", "squareness:xy"]);
+}
+
+/// An axis with a repeatable value of its own at each of five targets in each direction.
+#[test]
+fn values_of_single_points_ask_for_a_finer_line() {
+    let values = [[12.0, -21.0], [-1.0, 13.0], [-30.0, -22.0], [-9.0, -22.0], [43.0, 0.0]];
+    let mut noise = noise(5);
+    let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    for cycle in 1..=5 {
+        for (side, sign) in [(0, 1), (1, -1)] {
+            for step in 0..5 {
+                let k = if sign > 0 { step } else { 4 - step };
+                let deviation = values[k][side] + 1.5 * noise();
+                writeln!(table, "{cycle},{sign},{:.1},{deviation:.3}", 15.0 + 10.2 * k as f64).unwrap();
+            }
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.csv");
+    std::fs::write(&path, table).unwrap();
+    let said = printed(&path, &["--axis", "x"]);
+    assert!(said.starts_with("unexplained"), "{said}");
+    let left = number_after(&said, "a value for each point and direction leaves ");
+    assert!((left - 1.5).abs() < 0.5, "{said}");
+    let next = said.split_once("next measurement").unwrap().1;
+    assert!(next.lines().next().unwrap().contains("fine steps"), "{said}");
 }
 
 #[test]

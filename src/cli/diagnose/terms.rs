@@ -84,7 +84,13 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
     let seen = |v: &Value| v.value != 0.0 || v.std > 0.0;
     // a height under two exponentials is no height: the peak is
     let peaks = cause.parameters.contains_key("peak_um");
-    let told = |name: &str| !is_coefficient(name) && !(peaks && name == "height_um");
+    // the names of lagged coefficients hold their time constants
+    let lagged = cause.parameters.keys().any(|name| name.contains("_after_"));
+    let told = |name: &str| {
+        !(is_coefficient(name)
+            || (peaks && name == "height_um")
+            || (lagged && name.starts_with("time_constant_")))
+    };
     let physical = cause.parameters.iter().filter(|(name, v)| told(name) && seen(v));
     let turns = matches!(cause.subject.as_str(), "a" | "b" | "c");
     let thermometer =
@@ -99,8 +105,7 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
                 other => other,
             };
             let symbol = squareness_symbol(&cause.subject).filter(|_| cause.effect == "squareness");
-            let (what, sign) = symbol
-                .map_or_else(|| (stem.trim_end_matches("_1").replace('_', " "), 1.0), |(s, k)| (s.into(), k));
+            let (what, sign) = symbol.map_or_else(|| (words_of(stem), 1.0), |(s, k)| (s.into(), k));
             let v = Value { value: sign * v.value, std: v.std };
             let mut text = format!("{what} {} {unit}", with_uncertainty(v));
             if unit == "″" {
@@ -112,6 +117,15 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
         })
         .chain(sources)
         .collect()
+}
+
+/// Words of the name of a parameter, its unit left out: `growth_x_after_2400s` is `growth x after 2400 s`.
+fn words_of(stem: &str) -> String {
+    let word = |word: &str| match word.strip_suffix('s') {
+        Some(time) if !time.is_empty() && time.bytes().all(|b| b.is_ascii_digit()) => format!("{time} s"),
+        _ => word.to_owned(),
+    };
+    stem.trim_end_matches("_1").split('_').map(word).collect::<Vec<_>>().join(" ")
 }
 
 /// Peak to valley of the fitted curves of a cause, with its uncertainty; the largest where there are several.
@@ -287,6 +301,17 @@ pub(super) fn capital(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_parameters_become_words() {
+        for (stem, words) in [
+            ("growth_x_after_2400s", "growth x after 2400 s"),
+            ("compliance_1", "compliance"),
+            ("sag_of_own_weight", "sag of own weight"),
+        ] {
+            assert_eq!(words_of(stem), words);
+        }
+    }
 
     #[test]
     fn numbers_are_never_minus_zero_and_keep_their_figures() {

@@ -92,13 +92,17 @@ pub(super) fn summary(
             percent(f.fraction)
         );
     }
-    for n in r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um) {
+    let drifts = r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um);
+    for all in drifts.collect::<Vec<_>>().chunk_by(|a, b| (a.drift_um, a.drift_s) == (b.drift_um, b.drift_s))
+    {
+        let names: Vec<&str> = all.iter().map(|n| n.instrument.as_str()).collect();
+        let whites: Vec<String> = all.iter().map(|n| um(n.white_um)).collect();
         say!(
             "drift of {}: {} µm over {}, noise {} µm; slow effects may be hidden by it",
-            n.instrument,
-            um(n.drift_um),
-            session.span(n.drift_s),
-            um(n.white_um)
+            names.join(", "),
+            um(all[0].drift_um),
+            session.span(all[0].drift_s),
+            whites.join(", ")
         );
     }
     for p in r.places.iter().take(4) {
@@ -111,7 +115,9 @@ pub(super) fn summary(
         );
     }
     if r.unexplained.significant {
-        say!("unexplained: {} µm RMS; {}", um(found.budget.unexplained_um), r.unexplained.looks_like);
+        // where few readings were compared, what is said of the drift is a part of it
+        let left = if r.is_compared() { r.unexplained.rms_um } else { found.budget.unexplained_um };
+        say!("unexplained: {} µm RMS; {}", um(left), r.unexplained.looks_like);
     }
     for o in r.outlying_readings.iter().take(6) {
         say!("outlier left out: {}, {} µm from its repeats", o.at, um(o.apart_um));

@@ -6,7 +6,7 @@ pub use self::program::Dialect;
 
 use self::program::Program;
 use super::constants::{MOST, TOLD};
-use super::library::{Effect, Kind, Library, Measurement as Motion};
+use super::library::{Effect, Kind, Label, Library, Measurement as Motion};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
 
@@ -211,6 +211,18 @@ pub(super) fn next(
                     format!("shows whether {named}{more} contributes, which these data do not record");
                 all.push(asked(&program, m, shown, entropy(share), decides));
             }
+        }
+    }
+    if unexplained.is_pointwise
+        && let Some(m) = CATALOGUE.iter().find(|m| m.motion == Motion::FineSteps)
+    {
+        let over_position = |l: &&Label| ["positioning", "cyclic", "wear"].contains(&l.effect);
+        let separates: Vec<String> =
+            library.labels.iter().filter(over_position).map(ToString::to_string).collect();
+        let decides =
+            "shows the curve between the points, which the values at the points alone do not".to_owned();
+        if !separates.is_empty() && !all.iter().any(|n| n.action == m.action) {
+            all.push(asked(&program, m, separates, 2.0 * ONE_OF_TWO, decides));
         }
     }
     if session.instruments.iter().all(|i| i.contains("cmm")) && !session.instruments.is_empty() {

@@ -143,6 +143,7 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
     let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
     let places = if significant { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
     let mut words = Vec::new();
+    let mut is_pointwise = false;
     if discrepant {
         let over =
             |wanted: &dyn Fn(&Component) -> bool| c.scales.iter().any(|(k, scale)| *scale > 0.0 && wanted(k));
@@ -159,10 +160,16 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
         if over(&|k| matches!(k, Component::Speed(_))) {
             kinds.push("depends on place and velocity");
         }
+        is_pointwise = kinds.len() == 1 && over(&|k| matches!(k, Component::LackOfFit));
+        let values = format!(
+            ": a value for each point and direction leaves {:.2} µm at these points; between them nothing is known",
+            (s.drift_um2 + s.noise_um2).sqrt()
+        );
         words.push(format!(
-            "a discrepancy of {:.2} µm RMS that {}",
+            "a discrepancy of {:.2} µm RMS that {}{}",
             s.discrepancy_um2.sqrt(),
-            if kinds.is_empty() { "has no effect in the library".to_owned() } else { kinds.join(" and ") }
+            if kinds.is_empty() { "has no effect in the library".to_owned() } else { kinds.join(" and ") },
+            if is_pointwise { &values } else { "" }
         ));
     }
     if drifts {
@@ -188,5 +195,6 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
         z: 0.0,
         looks_like: if words.is_empty() { "nothing above the noise".to_owned() } else { words.join("; ") },
         places,
+        is_pointwise,
     }
 }

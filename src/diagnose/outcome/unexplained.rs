@@ -61,6 +61,7 @@ pub(super) fn unexplained(
         z: leftover.z,
         looks_like: looks_like(session, a, &places, &proxies, &drifting, significant),
         places,
+        is_pointwise: false,
     }
 }
 
