@@ -8,17 +8,16 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal};
 use serde_json::Value;
+
+use crate::support::normal;
 
 /// A small file made up for these tests.
 fn made_up(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats").join(name)
 }
 
-fn text(bytes: &[u8]) -> String {
+pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
@@ -34,7 +33,7 @@ fn run(directory: &Path, path: &Path, extra: &[&str]) -> Output {
 }
 
 /// Report and stderr of a file under a name that gives nothing away.
-fn diagnose(path: &Path, extra: &[&str]) -> (Value, String) {
+pub(crate) fn diagnose(path: &Path, extra: &[&str]) -> (Value, String) {
     let directory = tempfile::tempdir().unwrap();
     let plain = directory.path().join("measurement");
     std::fs::copy(path, &plain).unwrap();
@@ -72,7 +71,7 @@ fn printed(path: &Path, extra: &[&str]) -> String {
 }
 
 /// The number behind words.
-fn number_after(text: &str, words: &str) -> f64 {
+pub(crate) fn number_after(text: &str, words: &str) -> f64 {
     let rest = text.split_once(words).unwrap_or_else(|| panic!("{words}: {text}")).1;
     rest.split_whitespace().next().unwrap().replace('\u{2212}', "-").parse().unwrap()
 }
@@ -113,14 +112,14 @@ fn notes(r: &Value) -> String {
     r["notes"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect::<Vec<_>>().join("\n")
 }
 
-fn cause<'a>(r: &'a Value, effect: &str, subject: &str) -> &'a Value {
+pub(crate) fn cause<'a>(r: &'a Value, effect: &str, subject: &str) -> &'a Value {
     let all = r["causes"].as_array().unwrap();
     all.iter()
         .find(|c| c["effect"] == effect && c["subject"] == subject)
         .unwrap_or_else(|| panic!("{effect}:{subject}: {all:?}"))
 }
 
-fn parameter(r: &Value, effect: &str, subject: &str, name: &str) -> f64 {
+pub(crate) fn parameter(r: &Value, effect: &str, subject: &str, name: &str) -> f64 {
     cause(r, effect, subject)["parameters"][name]["value"].as_f64().unwrap()
 }
 
@@ -295,125 +294,11 @@ fn a_drift_that_is_the_larger_remainder_is_said_in_the_headline() {
     assert!((drift - number_after(&said, "; slow drift of ")).abs() < 0.02, "{said}");
 }
 
-/// A circle at one feed in both directions, with a lost motion of 4 um in X and noise of some 0.2 um.
-fn circle(readings: usize) -> String {
-    let mut table = "angle_deg,deviation_um,direction,feed_mm_per_min\n".to_owned();
-    for direction in [1.0, -1.0] {
-        for k in 0..readings / 2 {
-            let angle = 720.0 * k as f64 / readings as f64 * direction;
-            let (sin, cos) = angle.to_radians().sin_cos();
-            let noise = 0.7 * ((k as f64 * 12.9898 + direction).sin() * 43_758.545_3).fract();
-            let deviation = 2.0 * (direction * sin).signum() * cos + noise;
-            writeln!(table, "{angle:.6},{deviation:.5},{direction},1000").unwrap();
-        }
-    }
-    table
-}
-
-/// A single feed is compared by evidence, whose matrices grow with the square of the readings that carry it.
-#[test]
-fn a_long_circle_at_one_feed_needs_little_memory_and_time() {
-    let directory = tempfile::tempdir().unwrap();
-    let mut seconds = Vec::new();
-    for readings in [2_000, 20_000] {
-        std::fs::write(directory.path().join("circle.csv"), circle(readings)).unwrap();
-        let started = std::time::Instant::now();
-        let done = Command::new("sh")
-            .args(["-c", "ulimit -v 1000000; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_volcomp")])
-            .args(["diagnose", "--json", "circle.csv", "--radius-mm", "150", "--centre-mm=425,250,-250"])
-            .current_dir(directory.path())
-            .stdin(Stdio::null())
-            .output()
-            .unwrap();
-        seconds.push(started.elapsed().as_secs_f64());
-        assert!(done.status.success(), "{readings}: {}", text(&done.stderr));
-        let report: Value = serde_json::from_slice(&done.stdout).unwrap();
-        let width = parameter(&report, "backlash", "x", "width_um");
-        assert!((width - 4.0).abs() < 0.4, "{readings}: {width}");
-        assert!(
-            cause(&report, "backlash", "x")["probability"].as_f64().unwrap() > 0.95,
-            "{readings}: {report}"
-        );
-    }
-    // ten times the readings: at most ten times the time
-    assert!(seconds[1] < 10.0 * seconds[0], "{seconds:?} s");
-}
-
-/// Normal noise of unit variance.
-fn noise(seed: u64) -> impl FnMut() -> f64 {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let normal = Normal::new(0.0, 1.0).unwrap();
-    move || normal.sample(&mut rng)
-}
-
-/// Circles of 150 mm about (425, 250) mm at some feeds, in both directions, with a squareness (radians of EC0Y), a scale of X and a
-/// backlash of X (um), and normal noise of 0.3 um.
-fn circles(feeds: &[f64], squareness_rad: f64, scale_ppm: f64, backlash_um: f64) -> String {
-    let mut table = "angle_deg,deviation_um,direction,feed_mm_per_min\n".to_owned();
-    let mut noise = noise(feeds.len() as u64);
-    for feed in feeds {
-        for direction in [1.0, -1.0] {
-            for k in 0..360 {
-                let angle = f64::from(k) * direction;
-                let (sin, cos) = angle.to_radians().sin_cos();
-                // the mounting is off centre by (3, -2) um
-                let (mut dx, mut dy) = (3.0, -2.0);
-                dx += 1e-3 * scale_ppm * (425.0 + 150.0 * cos) - 1e3 * squareness_rad * (250.0 + 150.0 * sin);
-                dx += 0.5 * backlash_um * (direction * sin).signum();
-                dx += 0.3 * noise();
-                dy += 0.3 * noise();
-                writeln!(table, "{angle},{:.4},{direction},{feed}", dx * cos + dy * sin).unwrap();
-            }
-        }
-    }
-    table
-}
-
-/// Names of the causes declared in circles, with their probability, and the report.
-fn declared_in_circles(table: &str) -> (Vec<(String, f64)>, Value) {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("circle.csv");
-    std::fs::write(&path, table).unwrap();
-    let (report, _) = diagnose(&path, &["--radius-mm", "150", "--plane", "xy", "--centre-mm=425,250,-250"]);
-    let causes = report["causes"].as_array().unwrap().iter().filter(|c| c["declared"] == true);
-    let named = |c: &Value| format!("{}:{}", c["effect"].as_str().unwrap(), c["subject"].as_str().unwrap());
-    let mut all: Vec<(String, f64)> =
-        causes.map(|c| (named(c), c["probability"].as_f64().unwrap())).collect();
-    all.sort_by(|a, b| a.0.cmp(&b.0));
-    (all, report)
-}
-
-/// At 1000 mm/min the acceleration is 1.9 mm/s^2: a compliance that did this would be that of a soft spring.
-#[test]
-fn a_slow_circle_shows_a_squareness_and_no_effect_of_its_acceleration() {
-    let (found, report) = declared_in_circles(&circles(&[1000.0], 40e-6, 0.0, 0.0));
-    assert_eq!(found.len(), 1, "{found:?}");
-    assert!(found[0].0 == "squareness:xy" && found[0].1 > 0.9, "{found:?}");
-    let angle = parameter(&report, "squareness", "xy", "angle_arcsec");
-    assert!((angle + 8.25).abs() < 0.3, "{angle}");
-}
-
-#[test]
-fn circles_at_two_feeds_are_compared_exactly() {
-    let (found, report) = declared_in_circles(&circles(&[500.0, 2000.0], -50e-6, 0.0, 4.0));
-    assert_eq!(found.iter().map(|f| f.0.as_str()).collect::<Vec<_>>(), ["backlash:x", "squareness:xy"]);
-    assert!(found.iter().all(|f| f.1 > 0.9), "{found:?}");
-    let width = parameter(&report, "backlash", "x", "width_um");
-    assert!((width - 4.0).abs() < 0.3, "{width}");
-}
-
-/// About this centre an angular error ECX is nearly the sum of both.
-#[test]
-fn one_effect_that_resembles_two_does_not_keep_them_out() {
-    let (found, _) = declared_in_circles(&circles(&[1000.0], -48.5e-6, 25.0, 0.0));
-    assert_eq!(found.iter().map(|f| f.0.as_str()).collect::<Vec<_>>(), ["scale:x", "squareness:xy"]);
-}
-
 /// An axis with a repeatable value of its own at each of five targets in each direction.
 #[test]
 fn values_of_single_points_ask_for_a_finer_line() {
     let values = [[12.0, -21.0], [-1.0, 13.0], [-30.0, -22.0], [-9.0, -22.0], [43.0, 0.0]];
-    let mut noise = noise(5);
+    let mut noise = normal(5);
     let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
     for cycle in 1..=5 {
         for (side, sign) in [(0, 1), (1, -1)] {

@@ -582,3 +582,10 @@ pub(crate) fn table(r: &Report) -> String {
     }
     s
 }
+
+/// Normal noise of unit variance.
+pub(crate) fn normal(seed: u64) -> impl FnMut() -> f64 {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let normal = Normal::new(0.0, 1.0).unwrap();
+    move || normal.sample(&mut rng)
+}

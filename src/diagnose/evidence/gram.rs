@@ -100,6 +100,11 @@ impl Gram {
         (set.left / self.freedom.max(1.0)).sqrt()
     }
 
+    /// Twice the log-likelihood that one set has less than another.
+    pub(super) fn likelihood_loss(&self, set: &Conditioned, other: &Conditioned) -> f64 {
+        self.freedom * (set.left / other.left).ln()
+    }
+
     pub(super) fn condition(&self, columns: &Columns, set: &[Member]) -> Conditioned {
         let (mut at, mut factors) = (Vec::new(), Vec::new());
         for m in set {

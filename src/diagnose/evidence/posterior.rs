@@ -29,7 +29,7 @@ pub struct Contender {
     pub group_probability: f64,
     /// Labels that take its place in a set, with the posterior probability of those sets.
     pub rivals: Vec<(usize, f64)>,
-    /// Pairs of labels that say together what it says, in sets nearly as likely.
+    /// Pairs of labels that say together what it says.
     pub sums: Vec<[usize; 2]>,
     /// Labels with the same column.
     pub aliases: Vec<usize>,
@@ -376,6 +376,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         }
     }
     let (gram, _) = search.visited.get(&rungs)?;
+    let best_set = gram.condition(&search.columns, best);
     let mut contenders: Vec<Contender> = Vec::new();
     for (label, p) in &probability {
         let chosen = best_labels.contains(label);
@@ -385,7 +386,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             .max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
         let member = holder.1.0.iter().find(|m| search.columns.label[m.variant] == *label)?;
         let rivals = if chosen { rivals(search, gram, best, *label, &probability) } else { Vec::new() };
-        let in_its_place = |(labels, (_, w)): (&Vec<usize>, &(Vec<Member>, f64))| {
+        let in_its_place = |(labels, (members, w)): (&Vec<usize>, &(Vec<Member>, f64))| {
             let added: Vec<usize> = labels.iter().copied().filter(|l| !best_labels.contains(l)).collect();
             let kept = best_labels.iter().filter(|l| *l != label).all(|l| labels.contains(l));
             let pair = <[usize; 2]>::try_from(added).ok()?;
@@ -394,8 +395,9 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
                 let rest: Vec<usize> = labels.iter().copied().filter(|l| *l != other).collect();
                 sets.get(&rest).is_some_and(|v| v.1 > *w)
             };
-            let says_the_same = kept && !labels.contains(label) && *w > best_weight - STRONG;
-            (says_the_same && !pair.into_iter().any(alone)).then_some((pair, *w))
+            let replaces = kept && !labels.contains(label) && !pair.into_iter().any(alone);
+            let fits = || gram.likelihood_loss(&gram.condition(&search.columns, members), &best_set) < STRONG;
+            (replaces && fits()).then_some((pair, *w))
         };
         let mut sums: Vec<([usize; 2], f64)> =
             if chosen { sets.iter().filter_map(in_its_place).collect() } else { Vec::new() };
@@ -435,8 +437,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         b.chosen.cmp(&a.chosen).then(b.probability.total_cmp(&a.probability)).then(a.label.cmp(&b.label))
     });
     let covariance = Covariance::new(&search.structure, &scales::values(&rungs), &search.weights)?;
-    let set = gram.condition(&search.columns, best);
-    let white_um = gram.sigma(&set);
+    let white_um = gram.sigma(&best_set);
     let by_scales: Vec<(&Rungs, f64)> =
         search.beside.iter().filter_map(|(r, sums)| Some((r, *sums.get(best_labels)?))).collect();
     let all = log_sum(&by_scales.iter().map(|v| v.1).collect::<Vec<_>>());
