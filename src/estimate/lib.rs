@@ -3,7 +3,7 @@
 //! Reading order: [`grid`] (where a point lies among the nodes), [`noise`] (how far a sensor is believed), [`filter`]
 //! (the Kalman filter on node values), [`map`] (a live map of lengths and angles about the offline one),
 //! [`mod@whiten`] (readings with a covariance to rows of a batch), [`clock`] (when a reading was taken),
-//! [`supervise`] (whether it can be one), [`sensor_initialisation`] (how noisy a sensor is before anything is learned
+//! [`plausibility`] (whether it can be one), [`sensor_initialisation`] (how noisy a sensor is before anything is learned
 //! from it), [`fivedof`] (readings of a 5-DOF laser), [`thermal`] (thermal displacement). Textbook letters as in
 //! equations 5.8 (`docs/reference/equations.md`): `x` state, `p` covariance, `h` row of the observation, `k` gain,
 //! `r` measurement variance, `nu` innovation, `s` its variance.
@@ -22,8 +22,8 @@ pub mod innovation_bias;
 pub mod live;
 pub mod map;
 pub mod noise;
+pub mod plausibility;
 pub mod sensor_initialisation;
-pub mod supervise;
 pub mod thermal;
 pub mod whiten;
 
@@ -33,7 +33,7 @@ pub use grid::{GridError, NodeGrid, NodePlace};
 pub use innovation_bias::{InnovationBias, Window};
 pub use map::{Batch, Checkpoint, ComponentRules, LiveMap, MapError, MapRules, Row};
 pub use noise::{Adaptation, Kind, MeasurementNoise, NoiseError};
+pub use plausibility::{Plausibility, Said, SensorFault, SensorStatus, Supervisor, VALUES_MAX};
 pub use sensor_initialisation::{InnovationSample, NoiseAssessment, SensorInitialisation};
-pub use supervise::{Plausibility, Said, SensorFault, SensorStatus, Supervisor, VALUES_MAX};
 pub use thermal::{Quantity, Thermal, ThermalDisplacement, ThermalError, ThermalInput, ThermalState};
 pub use whiten::whiten;

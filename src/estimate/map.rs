@@ -22,12 +22,16 @@
 //!
 //! Source: equations 5.8 (Gauss-Markov); James and Stein 1961 for the weight.
 
+mod innovation_gate;
+
 use super::filter::{
     COMPONENTS_MAX, FilterError, NodeFilter, Observation, Process, Rules, Snapshot, Update, Verdict,
 };
 use super::grid::{NodeGrid, NodePlace};
 use super::noise::{Kind, MeasurementNoise};
 use super::sensor_initialisation::InnovationSample;
+
+pub use innovation_gate::Batch;
 
 /// Most numbers in the state of one map: its covariance has the square of this many.
 pub const STATE_MAX: usize = 1536;
@@ -97,21 +101,6 @@ pub struct Row {
     pub delay: f64,
     /// Which noise it has.
     pub kind: Kind,
-}
-
-/// What became of a batch.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Batch {
-    /// Rows that say something about the map.
-    pub rows: u32,
-    /// Sum of `nu^2 / S` over them: about their number where everything is right.
-    pub nis: f64,
-    /// The largest of them.
-    pub worst: f64,
-    /// RMS innovation in standard deviations of the sensor.
-    pub innovation: f64,
-    /// RMS of its expected value.
-    pub expected: f64,
 }
 
 /// What a map knew at some time.
@@ -215,23 +204,6 @@ impl LiveMap {
         self.memory_s
     }
 
-    /// Compares a batch with the map, at the noise of lengths and of angles; nothing is changed.
-    pub fn judge(
-        &mut self,
-        sensor: usize,
-        place: &NodePlace,
-        rows: &[Row],
-        noise: &[MeasurementNoise; 2],
-    ) -> Batch {
-        let mut batch = Batch::default();
-        for row in rows {
-            let noise = &noise[row.kind.index()];
-            let (innovation, variance) = self.filter.compare(&self.observation(sensor, place, row), noise);
-            batch.add(innovation, variance, noise.variance());
-        }
-        batch.finish()
-    }
-
     /// What a batch differs by and how uncertain the map is there, row by row, in units of the rows' noise.
     pub fn innovations(&mut self, sensor: usize, place: &NodePlace, rows: &[Row]) -> Vec<InnovationSample> {
         let mut found = Vec::with_capacity(rows.len());
@@ -242,12 +214,6 @@ impl LiveMap {
             found.push(InnovationSample { innovation, uncertainty, prior, kind: row.kind });
         }
         found
-    }
-
-    /// True where a batch may be used.
-    #[must_use]
-    pub fn is_inside_gate(&self, batch: &Batch) -> bool {
-        batch.rows > 0 && batch.worst <= self.rules.gate
     }
 
     /// Takes a batch that was judged fit; gives its consistency as the filter saw it, row after row.
@@ -393,29 +359,6 @@ impl LiveMap {
 
 /// An estimate that was kept may lie beyond the limit of the output by this factor; more is damage.
 const RESTORED_MAX: f64 = 10.0;
-
-impl Batch {
-    fn add(&mut self, innovation: f64, variance: f64, noise: f64) {
-        // a row that sees nothing of the map says nothing about it
-        if !(innovation.is_finite() && variance.is_finite() && variance > noise) {
-            return;
-        }
-        let ratio = innovation * innovation / variance;
-        self.rows += 1;
-        self.nis += ratio;
-        self.worst = self.worst.max(ratio);
-        self.innovation += innovation * innovation;
-        self.expected += variance;
-    }
-
-    fn finish(mut self) -> Self {
-        if self.rows > 0 {
-            self.innovation = (self.innovation / f64::from(self.rows)).sqrt();
-            self.expected = (self.expected / f64::from(self.rows)).sqrt();
-        }
-        self
-    }
-}
 
 fn positive(what: &'static str, value: f64) -> Result<(), MapError> {
     if value.is_finite() && value > 0.0 { Ok(()) } else { Err(MapError::NotPositive { what, value }) }

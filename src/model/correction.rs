@@ -5,7 +5,7 @@
 //!
 //! Source: equations 2.2 (five-axis correction with its singularity guard) and 2.4.
 
-use super::volumetric::{Deviation, Model, Nominal, Pose};
+use super::kinematics::{Deviation, Model, Nominal, Pose};
 use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use crate::geometry::{Mat3, Vec3, unit};
 

@@ -6,8 +6,8 @@
 
 use super::curve::Curve;
 use super::dynamics::{DynamicTerm, Law};
+use super::kinematics::Pose;
 use super::spec::ModelSpec;
-use super::volumetric::Pose;
 use crate::axes::{MAX_AXES, Travel};
 
 /// Poses of the grid, about.

@@ -1,6 +1,6 @@
 //! What a model is made of, and the rules that a whole model must keep.
 
-use super::chain::{Chain, Side};
+use super::chain_notation::{Chain, Side};
 use super::curve::{Curve, ErrorFunction, Grid};
 use super::symbol::{Component, ErrorSymbol};
 use crate::axes::AxisName;

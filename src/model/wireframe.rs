@@ -2,9 +2,9 @@
 
 use crate::axes::{AxisKind, AxisName};
 use crate::geometry::Vec3;
+use crate::kinematics::Model;
 use crate::search::reference_pose;
 use crate::spec::ModelSpec;
-use crate::volumetric::Model;
 
 /// Wires per direction.
 const WIRES: usize = 5;

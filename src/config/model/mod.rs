@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use super::diagnostic::{ConfigErrors, Diagnostic};
 use super::reader::{self, Allowed, Key, Placed, Reader, Section};
 use volcomp_estimate::Thermal;
-use volcomp_model::chain::ChainError;
+use volcomp_model::chain_notation::ChainError;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Chain, ErrorSymbol, ModelError, ModelSpec};
 use volcomp_protocol::Name;

@@ -15,7 +15,7 @@ use super::reading::{Body, PointReading, Seen, ToolReading};
 use crate::filter::COMPONENTS_MAX;
 use crate::{Kind, Row};
 use volcomp_model::geometry::{Mat3, Vec3};
-use volcomp_model::volumetric::NominalTool;
+use volcomp_model::kinematics::NominalTool;
 use volcomp_model::{Model, Pose, SENSORS_MAX};
 
 /// Live value used to ask the model for effects, mm and rad: below every limit, far above rounding.

@@ -18,7 +18,7 @@ use super::axis_table::possible;
 use super::error::{FormatError, FormatErrorKind};
 use super::sample::{ExportError, Limits, Motions, Sampling, Way, positions};
 use super::text::{Word, lines, rounded, words};
-use volcomp_model::chain::Side;
+use volcomp_model::chain_notation::Side;
 use volcomp_model::curve::{Curve, Grid, Interpolation, Table};
 use volcomp_model::{Chain, Component, ErrorFunction, ErrorSymbol, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};

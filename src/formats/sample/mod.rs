@@ -12,7 +12,7 @@ pub use error::ExportError;
 use std::collections::BTreeSet;
 
 use super::axis_table::positioning;
-use volcomp_model::chain::Side;
+use volcomp_model::chain_notation::Side;
 use volcomp_model::curve::{Curve, Interpolation};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;

@@ -56,6 +56,11 @@ pub(super) fn is_seen(samples: &[Sample], axis: usize, end: End) -> bool {
     })
 }
 
+/// True where circles of both senses are among the readings.
+fn goes_both_ways(samples: &[Sample]) -> bool {
+    [1.0, -1.0].into_iter().all(|sense| samples.iter().any(|s| sign(s.travel) == sense))
+}
+
 /// The feeds, increasing; one entry without feed where none is known.
 pub(super) fn feeds(samples: &[Sample]) -> Vec<Option<f64>> {
     let mut feeds: Vec<Option<f64>> = samples.iter().map(|s| s.feed).collect();
@@ -93,12 +98,18 @@ pub(super) fn of_effects(circles: &Circles) -> (Vec<Column>, Vec<(Effect, Reason
         }),
     ];
     let mut missing = Vec::new();
+    let both = goes_both_ways(samples);
     type Kind = (fn(usize) -> Effect, fn(usize, &Sample) -> f64);
     let kinds: [Kind; 2] = [(Effect::Backlash, backlash), (Effect::LateralPlay, lateral_play)];
     for (make, value) in kinds {
         for axis in 0..2 {
             let seen = [End::Positive, End::Negative].map(|end| is_seen(samples, axis, end));
             let effect = make(axis);
+            // lateral play is the difference between the directions: in one of them it is nearly an ellipse
+            if !both && matches!(effect, Effect::LateralPlay(_)) {
+                missing.push((effect, Reason::LooksLike(vec![Effect::ScaleMismatch])));
+                continue;
+            }
             match seen {
                 [true, true] => {
                     for end in [End::Positive, End::Negative] {
@@ -159,7 +170,7 @@ pub(super) struct Spikes {
 /// a shape of the machine.
 pub(super) fn of_spikes(circles: &Circles, time: f64) -> Spikes {
     let samples = &circles.samples;
-    let both = samples.iter().any(|s| sign(s.travel) > 0.0) && samples.iter().any(|s| sign(s.travel) < 0.0);
+    let both = goes_both_ways(samples);
     let mut all = Spikes { places: Vec::new(), spikes: Vec::new(), missing: Vec::new() };
     for axis in 0..2 {
         let effect = Effect::ReversalSpike(axis);

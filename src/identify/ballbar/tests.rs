@@ -96,6 +96,23 @@ const BOTH: [(f64, f64, f64, f64); 2] = [(0.0, 360.0, 1.0, 50.0), (0.0, 360.0, -
 const REQUEST: Request =
     Request { pitch: [Pitch::Given(PITCH), Pitch::Given(PITCH)], spike_time: Some(SPIKE_TIME) };
 
+/// |sin| of one direction is nearly cos 2 phi: beside a mismatch of scales it took tens of micrometres.
+#[test]
+fn one_direction_shows_no_lateral_play() {
+    let machine = Machine { scale: [40e-6, -30e-6], off: [0.02, -0.03], noise: 0.0008, ..all() };
+    for seed in 1..=8 {
+        let found = analyse(&machine.circles(&BOTH[..1], 360.0, seed), &REQUEST).unwrap();
+        let is_play = |e: &Effect| matches!(e, Effect::LateralPlay(_));
+        assert!(!found.estimates.iter().any(|e| is_play(&e.effect)), "{:?}", found.estimates);
+        assert_eq!(found.missing.iter().filter(|(e, _)| is_play(e)).count(), 2, "{:?}", found.missing);
+        let mismatch = found.estimates.iter().find(|e| e.effect == Effect::ScaleMismatch).unwrap();
+        assert!(
+            (mismatch.values[0].value - 70e-6).abs() < 4.0 * mismatch.values[0].std + 15e-6,
+            "{mismatch:?}"
+        );
+    }
+}
+
 fn all() -> Machine {
     Machine {
         square: 45e-6,

@@ -3,10 +3,10 @@
 use super::Pair;
 use crate::axes::{AxisKind, AxisName, MAX_AXES, Travel};
 use crate::curve::{Curve, ErrorFunction};
+use crate::kinematics::Model;
+use crate::kinematics::{PointFlags, Pose};
 use crate::spec::ModelSpec;
 use crate::symbol::ErrorSymbol;
-use crate::volumetric::Model;
-use crate::volumetric::{PointFlags, Pose};
 
 /// Places of even sampling along an axis; support points of tables are added to them.
 const SAMPLES: u32 = 800;

@@ -15,10 +15,10 @@ mod volume;
 pub use curves::{ErrorDifference, relative_values};
 pub use volume::{Difference, VolumeDifference};
 
-use super::chain::Chain;
+use super::chain_notation::Chain;
+use super::kinematics::Model;
 use super::spec::{ModelError, ModelSpec, ReferencePoint, Sense};
 use super::symbol::{Component, ErrorSymbol};
-use super::volumetric::Model;
 use crate::axes::AxisName;
 use crate::curve::ErrorFunction;
 use crate::dynamics::{DynamicTerm, ToolErrors};

@@ -5,8 +5,8 @@ use nalgebra::{Matrix6, Vector6};
 use super::{Pair, bound};
 use crate::axes::{AxisArray, MAX_AXES};
 use crate::geometry::Vec3;
+use crate::kinematics::Pose;
 use crate::search::{Volume, reference_pose};
-use crate::volumetric::Pose;
 
 /// Poses from which the best rigid motion is found.
 const RIGID_POSES: usize = 4000;

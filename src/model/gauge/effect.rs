@@ -17,10 +17,10 @@
 
 use core::ops::Range;
 
-use super::super::chain::Side;
+use super::super::chain_notation::Side;
+use super::super::kinematics::{Joint, Model, PointFlags, Pose};
 use super::super::spec::{ModelSpec, ReferenceBody};
 use super::super::symbol::{Component, ErrorSymbol};
-use super::super::volumetric::{Joint, Model, PointFlags, Pose};
 use super::{Effect, is_main};
 use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use crate::geometry::{Vec3, unit};

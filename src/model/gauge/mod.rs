@@ -21,9 +21,9 @@ mod line;
 use self::effect::Layout;
 use self::line::{Line, add_constant, subtract, tidy};
 use super::curve::ErrorFunction;
+use super::kinematics::Model;
 use super::spec::{ModelError, ModelSpec};
 use super::symbol::{Component, ErrorSymbol};
-use super::volumetric::Model;
 use crate::axes::{AxisKind, AxisName};
 use crate::geometry::Vec3;
 

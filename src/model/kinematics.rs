@@ -8,7 +8,7 @@
 //!
 //! Source: equations 2 (general chain), 1.4 to 1.9 for the terms.
 
-use super::chain::{ChainAxis, Side};
+use super::chain_notation::{ChainAxis, Side};
 use super::compiled_basis::{CompiledBasis, Lanes};
 use super::curve::{ErrorFunction, Grid};
 use super::dynamics::{AxisMotion, DYNAMIC_MAX, DynamicTerm, ToolErrors};

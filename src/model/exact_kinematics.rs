@@ -5,8 +5,8 @@
 //!
 //! Source: equations 2; `e` of 1.5, `d` of 1.7, `L` of 1.9.
 
-use super::chain::Side;
-use super::volumetric::{Deviation, Joint, Model, MotionValues, PointFlags, Pose};
+use super::chain_notation::Side;
+use super::kinematics::{Deviation, Joint, Model, MotionValues, PointFlags, Pose};
 use crate::axes::AxisKind;
 use crate::geometry::{Rigid, Vec3, rotation_about, rotation_vector, small_rotation, unit};
 
