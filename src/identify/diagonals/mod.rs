@@ -281,14 +281,15 @@ impl Setup {
         Ok(missing)
     }
 
-    /// Covariance of the squareness from the standard uncertainties that the angular curves of `spec` state: the
-    /// values at the two ends of the box are taken as independent.
+    /// Covariance of the squareness from the standard uncertainties that the angular and straightness curves of `spec`
+    /// state: the values at the two ends of the box are taken as independent, so a straightness of standard uncertainty
+    /// u over a side a feigns a squareness of sqrt(2) u / a.
     ///
     /// # Errors
     /// The model breaks a rule.
-    pub fn covariance_of_angles(&self, spec: &ModelSpec) -> Result<Matrix3<f64>, DiagonalsError> {
+    pub fn covariance_of_model(&self, spec: &ModelSpec) -> Result<Matrix3<f64>, DiagonalsError> {
         let mut covariance = Matrix3::zeros();
-        for symbol in angles() {
+        for symbol in angles().chain(straightnesses()) {
             let Some(std) = spec.errors.iter().find(|(s, _)| *s == symbol).and_then(|(_, f)| f.std) else {
                 continue;
             };
@@ -333,6 +334,15 @@ fn angles() -> impl Iterator<Item = ErrorSymbol> {
     AXES.into_iter().flat_map(|axis| {
         [Component::A, Component::B, Component::C].map(|component| ErrorSymbol::Motion { component, axis })
     })
+}
+
+/// The six straightness error motions of X, Y and Z.
+fn straightnesses() -> impl Iterator<Item = ErrorSymbol> {
+    let of = |axis: AxisName| {
+        [Component::X, Component::Y, Component::Z].map(|component| ErrorSymbol::Motion { component, axis })
+    };
+    let is_across = |s: &ErrorSymbol| !matches!(s, ErrorSymbol::Motion { component, axis } if component.index() == axis.direction());
+    AXES.into_iter().flat_map(of).filter(is_across)
 }
 
 /// The model without its squarenesses and without what only sensors tell.

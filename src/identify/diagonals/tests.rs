@@ -89,8 +89,43 @@ fn stated_uncertainties_of_angles_arrive_in_the_result() {
     spec.errors
         .push((symbol, ErrorFunction { std: Some(1e-6), ..ErrorFunction::single(Curve::Constant(0.0)) }));
     // at either end the lever is that of the end alone: half the effect each way
-    let covariance = s.covariance_of_angles(&spec).unwrap();
+    let covariance = s.covariance_of_model(&spec).unwrap();
     assert!((covariance[(1, 1)].sqrt() - 0.5e-6 * 2f64.sqrt()).abs() < 1e-9, "{covariance}");
+}
+
+/// Models with straightness curves of 1 um standard uncertainty, as fitted: the interval holds the truth in 95 % of them.
+#[test]
+fn uncertain_straightness_widens_the_interval_as_it_must() {
+    let size = [900.0, 700.0, 500.0];
+    let chain = Chain::parse("[w X' b Y Z t]").unwrap();
+    let s = Setup::new(&chain, [0.0; 3], size, Vec3::zeros()).unwrap();
+    let (std, noise_mm, runs) = (1e-3, 1e-3, 4_000);
+    let mut inside = [0; 3];
+    for seed in 0..runs {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        // the truth is straight and square; the model is not
+        let mut spec = ModelSpec::new("m", chain.clone());
+        for symbol in ["eyx", "ezx", "exy", "ezy", "exz", "eyz"].map(|t| ErrorSymbol::parse(t).unwrap()) {
+            let side = size[symbol.axis().direction()];
+            let ends = vec![std * normal(), std * normal()];
+            let table = Table::new(vec![0.0, side], ends, None, Interpolation::Linear).unwrap();
+            let curve = ErrorFunction::single(Curve::Table(table));
+            spec.errors.push((symbol, ErrorFunction { std: Some(std), ..curve }));
+        }
+        let model = s.displacements(&spec, Travel::Forward).unwrap();
+        let corrected = model.map(|d| noise_mm * normal() - d);
+        let found = s.squareness(&corrected, &[noise_mm; 4]).unwrap();
+        let covariance = found.covariance + s.covariance_of_model(&spec).unwrap();
+        for i in 0..3 {
+            inside[i] += u32::from(found.value[i].abs() < 1.959_964 * covariance[(i, i)].sqrt());
+        }
+    }
+    // 95 % +- 4 standard deviations of a binomial
+    for count in inside {
+        let share = f64::from(count) / runs as f64;
+        assert!((0.936..0.964).contains(&share), "{inside:?} of {runs}");
+    }
 }
 
 #[test]

@@ -142,7 +142,7 @@ impl<'a> Outcome<'a> {
         let std = noise.map_or([0.0; 4], |n| n.0);
         let corrected: [f64; 4] = std::array::from_fn(|i| ends.displacement[i] - subtracted[i]);
         let mut found = setup.squareness(&corrected, &std).map_err(fail)?;
-        found.covariance += setup.covariance_of_angles(&model).map_err(fail)?;
+        found.covariance += setup.covariance_of_model(&model).map_err(fail)?;
         let raw = setup.squareness(&ends.displacement, &std).map_err(fail)?;
         let bound = args.accept_bias_arcsec.filter(|_| !missing.is_empty());
         let mut outcome = Self {
