@@ -463,6 +463,15 @@ fn a_model_report_states_what_a_compensation_documents() {
             "re-check not stated",
         ],
     );
+    // 10 um over 500 mm is an angle of 20 urad about Z, whatever curve holds it
+    let slope = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y t]\"\n[errors.exy.table]\n\
+                 position-mm = [0, 500]\nvalue-um = [0, 10]\n[axes.y]\ntravel-mm = [0, 500]\n";
+    std::fs::write(d.join("slope.toml"), slope).unwrap();
+    ok(d, &["model", "report", "slope.toml", "--html", "slope.html"]);
+    holds(
+        &words(&read(d, "slope.html")),
+        &["compensated as slopes or offsets of other curves: EC0Y -4.13 arcsec"],
+    );
     let other = ["model", "report", "part.toml", "--config", &machine, "--html", "x.html"];
     holds(&refused(d, 78, &other), &["the model is of machine m, the machine file of vmc-850"]);
 }

@@ -5,21 +5,23 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::super::{EX_CONFIG, Failure};
+use super::gauge::NEGLIGIBLE;
 use super::picture;
 use super::report::Report;
 use crate::acceptance::verdicts::NOT_STATED;
 use crate::acceptance::{Acceptance, HeadArgs, Stated, file_name, sign};
 use crate::check::Size;
 use crate::input::{self, InputKind};
-use crate::numerals::{counted, micro, plain};
+use crate::numerals::{counted, micro, plain, signed};
 use crate::quantities::{
-    error_out, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
+    error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };
 use crate::report::{Page, Table};
 use crate::units::key;
 use volcomp_config::{MachineConfig, ModelFile, Provenance};
 use volcomp_model::curve::Interpolation;
 use volcomp_model::extremes::search;
+use volcomp_model::gauge::normalise;
 
 use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
@@ -310,24 +312,41 @@ impl Documented<'_> {
         Table::new(head).rows(self.validations).put_stacked(page);
     }
 
+    /// Squarenesses and location errors without a function of their own that slopes and offsets of other curves hold, rad
+    /// or mm.
+    fn held_by_curves(&self) -> Vec<(ErrorSymbol, f64)> {
+        let covered = self.covered();
+        let gauged = normalise(self.spec()).ok();
+        let all = gauged.into_iter().flat_map(|g| g.total.errors);
+        all.filter(|(s, amount)| !covered.contains(s) && error_out(*s, *amount).abs() > NEGLIGIBLE).collect()
+    }
+
     /// What follows from model and machine file, and what the head adds.
     fn not_compensated(&self) -> Vec<String> {
         let spec = self.spec();
         let covered = self.covered();
         let mut out = Vec::new();
-        let left: Vec<String> = spec
-            .chain
-            .error_symbols()
-            .into_iter()
-            .filter(|s| !covered.contains(s))
-            .map(|s| s.to_string())
-            .collect();
+        let held = self.held_by_curves();
+        let is_held = |s: &ErrorSymbol| held.iter().any(|(other, _)| other == s);
+        let symbols = spec.chain.error_symbols().into_iter();
+        let left: Vec<String> =
+            symbols.filter(|s| !covered.contains(s) && !is_held(s)).map(|s| s.to_string()).collect();
         if left.is_empty() {
             out.push(
                 "no error motion, squareness or location error of the chain is without a function".to_owned(),
             );
         } else {
             out.push(format!("without a function: {}", left.join(" ")));
+        }
+        if !held.is_empty() {
+            let words = |(s, amount): &(ErrorSymbol, f64)| {
+                format!("{s} {} {}", signed(error_out(*s, *amount), 2), error_unit(*s))
+            };
+            let all: Vec<String> = held.iter().map(words).collect();
+            out.push(format!(
+                "compensated as slopes or offsets of other curves: {} (volcomp model normalise gives them functions of their own)",
+                all.join(", ")
+            ));
         }
         if let Some(machine) = self.machine {
             let never = machine.uncorrected_axes(spec);

@@ -81,7 +81,7 @@ fn is_negligible(moved: &Moved) -> bool {
 }
 
 /// um or arcsec.
-const NEGLIGIBLE: f64 = 5e-4;
+pub(super) const NEGLIGIBLE: f64 = 5e-4;
 
 fn moved_line(moved: &Moved) -> String {
     let axis = moved.symbol.axis();
