@@ -41,6 +41,8 @@ pub struct Data {
     pub ranges: bool,
     /// Instruments of each kind of light.
     pub lights: Vec<Light>,
+    /// Some reading is of a ballbar.
+    pub ballbar: bool,
     /// An instrument has a known station.
     pub stations: bool,
     /// All readings were taken in one setup.

@@ -164,6 +164,8 @@ pub struct MachineState {
     pub reflector_mm: Vec3,
     /// The instrument measures lengths by light through air: which one.
     pub light: Option<Light>,
+    /// The reading is of a ballbar.
+    pub is_ballbar: bool,
     /// Forces per linear axis, N.
     pub force_n: [f64; 3],
     /// Where the rotary axes that carry the tool have taken it.
@@ -191,6 +193,7 @@ impl Default for MachineState {
             station_mm: Vec3::repeat(f64::NAN),
             reflector_mm: Vec3::repeat(f64::NAN),
             light: None,
+            is_ballbar: false,
             force_n: [f64::NAN; 3],
             head: Head::default(),
             signals: Vec::new(),

@@ -124,6 +124,10 @@ impl Structure {
         };
         let same_setup = |i: usize, j: usize| reading(i).setup == reading(j).setup;
         let u = |i: usize, j: usize| at(i).u.dot(&at(j).u);
+        // mounting and length of a ballbar drift, the former as a vector
+        let drifting = |i: usize, j: usize| {
+            if at(i).is_ballbar && at(j).is_ballbar { 0.5 * (1.0 + u(i, j)) } else { u(i, j) }
+        };
         let build = |f: &dyn Fn(usize, usize) -> f64| {
             let mut m = DMatrix::zeros(n, n);
             for i in 0..n {
@@ -149,7 +153,7 @@ impl Structure {
                     Component::Drift(t),
                     build(&|i, j| {
                         if same_setup(i, j) {
-                            u(i, j) * (-(at(i).t_s - at(j).t_s).abs() / tau).exp()
+                            drifting(i, j) * (-(at(i).t_s - at(j).t_s).abs() / tau).exp()
                         } else {
                             0.0
                         }

@@ -8,7 +8,7 @@ use super::pairs::{self, Place};
 use super::reflector_location;
 use super::{
     Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, check, copies,
-    times,
+    is_ballbar, times,
 };
 use volcomp_model::geometry::Vec3;
 use volcomp_units::RAD_PER_DEG;
@@ -301,6 +301,7 @@ impl<'a> Part<'a> {
                 range_mm: at(range, i),
                 target_mm: vector(target, i),
                 light: raw.instruments.get(i).and_then(|n| Light::of(n)),
+                is_ballbar: raw.instruments.get(i).is_some_and(|n| is_ballbar(n)),
                 station_mm: vector(station, i),
                 force_n: [at(force[0], i), at(force[1], i), at(force[2], i)],
                 ..Moment::default()

@@ -280,6 +280,13 @@ pub fn is_encoder(instrument: &str) -> bool {
     name.contains("encoder") && !name.contains("grid")
 }
 
+/// True for an instrument that measures its own length between two balls.
+#[must_use]
+pub fn is_ballbar(instrument: &str) -> bool {
+    let name = instrument.to_ascii_lowercase();
+    name.contains("ballbar") || name.contains("ball bar")
+}
+
 /// True for instruments whose mounting is turned by a small unknown angle, not only shifted.
 #[must_use]
 pub fn has_rotation(instrument: &str) -> bool {

@@ -5,6 +5,7 @@
 mod air;
 mod angular;
 mod backlash;
+mod ballbar;
 mod beam;
 mod chance;
 mod curves;
@@ -88,6 +89,7 @@ shapes! {
     tool::ToolLength,
     air::DeadPath,
     air::TrackerScale,
+    ballbar::BallbarLength,
     rotary::RotaryLocation,
     rotary::RotaryMotion,
     rotary::RotaryEccentricity,
@@ -119,6 +121,7 @@ pub static EFFECTS: &[&Effect] = &[
     &tool::TOOL_LENGTH,
     &air::DEAD_PATH,
     &air::TRACKER_SCALE,
+    &ballbar::BALLBAR_LENGTH,
     &rotary::ROTARY_LOCATION,
     &rotary::ROTARY_MOTION,
     &rotary::ROTARY_ECCENTRICITY,

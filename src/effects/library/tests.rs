@@ -53,6 +53,7 @@ fn all_data() -> Data {
         lengths: true,
         ranges: true,
         lights: Light::ALL.into(),
+        ballbar: true,
         stations: true,
         one_setup: true,
         encoders_only: false,
@@ -79,6 +80,7 @@ fn moment() -> MachineState {
         station_mm: Vec3::new(-2000.0, 0.0, 0.0),
         reflector_mm: Vec3::zeros(),
         light: Some(Light::Tracker),
+        is_ballbar: true,
         force_n: [500.0; 3],
         signals: vec![23.0],
         ..MachineState::default()
