@@ -16,6 +16,7 @@ use super::output::{CycleOutput, Detail, Event, Reason, State};
 use super::ramp::Ramp;
 use super::read_back::ReadBack;
 use super::setpoint::{CycleInput, Setpoint, SetpointGenerator};
+use super::shortfall::Shortfall;
 use volcomp_model::Model;
 use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
 use volcomp_model::geometry::Vec3;
@@ -77,6 +78,9 @@ pub struct Compensator {
     heard: Option<MonoTime>,
     /// The numbers behind what this cycle has found.
     detail: Option<Detail>,
+    /// What kept the newest frame, or its absence, from being compensated.
+    obstacle: Option<Reason>,
+    shortfall: Shortfall,
     last_sequence: u32,
     last_control_ns: i64,
     /// Control cycles from the frame before to this one.
@@ -152,6 +156,8 @@ impl Compensator {
             commanded: false,
             heard: None,
             detail: None,
+            obstacle: None,
+            shortfall: Shortfall::new(config),
             last_sequence: 0,
             last_control_ns: 0,
             gap_cycles: 0,
@@ -217,6 +223,7 @@ impl Compensator {
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
             self.strays = self.strays.saturating_add(1);
+            self.obstacle = Some(Reason::Sequence);
             if !self.is_held(frame) {
                 return None;
             }
@@ -230,6 +237,7 @@ impl Compensator {
         let dt =
             verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
         let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
+        self.obstacle = (!told).then_some(Reason::NotFinite);
         let mut resynchronised = false;
         if told {
             resynchronised = self.resynchronise(frame, dt);
@@ -282,6 +290,7 @@ impl Compensator {
         if now < due {
             return None;
         }
+        self.obstacle = Some(Reason::Stale);
         if !self.may_send() {
             // what the control holds is not known, or a fault forbids it: nothing may be sent
             self.next_deadline = None;
@@ -320,6 +329,12 @@ impl Compensator {
     #[must_use]
     pub const fn is_enabled(&self) -> bool {
         self.enabled
+    }
+
+    /// Why an enabled compensation waits or is held: what is wrong with the machine, its positions or the model now.
+    #[must_use]
+    pub fn waits_for(&self) -> Option<Reason> {
+        self.obstacle.filter(|_| self.enabled && !self.follows_target())
     }
 
     /// True once a [`super::output::Command::Stop`] has been carried out.
@@ -368,6 +383,8 @@ impl Compensator {
             self.wait_for_machine(machine);
             return;
         }
+        let outside = target.out_of_travel != 0 && self.config.out_of_travel == OutOfTravel::RampOut;
+        self.obstacle = bad.or(outside.then_some(Reason::OutOfTravel));
         if let Some(reason) = bad {
             self.hold_or_give_up(reason, dt);
             return;
@@ -380,7 +397,6 @@ impl Compensator {
             self.plan(State::Faulted, Reason::StopLimit);
             return;
         }
-        let outside = target.out_of_travel && self.config.out_of_travel == OutOfTravel::RampOut;
         let wanted = self.enabled && !outside;
         let reason = if outside { Reason::OutOfTravel } else { Reason::Command };
         match self.state {
@@ -450,6 +466,7 @@ impl Compensator {
         } else {
             Reason::NotHomed
         };
+        self.obstacle = Some(reason);
         self.input.unsettle();
         self.held_s = 0.0;
         self.stopped |= self.stopping;
@@ -591,8 +608,10 @@ impl Compensator {
             limited |= u8::from(held_back && dt > 0.0) << k;
             warning |= u8::from(limiter.is_warning()) << k;
         }
-        limited |= at_soft_limit | crowded;
+        let following = self.follows_target();
         let offset = self.offset();
+        let lagging = self.shortfall.look(&plan.target.offset, &offset, following, plan.elapsed_s);
+        limited |= at_soft_limit | crowded;
         if dt > 0.0 {
             self.read_back.sent(&offset);
         }
@@ -608,6 +627,8 @@ impl Compensator {
             warning,
             out_of_order: false,
             out_of_range: plan.target.out_of_range,
+            out_of_travel: if following { plan.target.out_of_travel } else { 0 },
+            lagging,
             faded: plan.target.faded,
             wanted: plan.target.offset,
             lag_cycles: self.setpoints.lag.measured(),

@@ -6,8 +6,8 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::Path;
-use std::process::{Command, Output};
-use std::time::Instant;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use crate::support::{Daemon, EXX_MM, PATIENCE, Port, Setup, eventually, hello, is_answer};
 use rustix::process::Signal;
@@ -148,6 +148,64 @@ fn a_foreign_offset_is_a_fault_that_has_to_be_acknowledged() {
     refused_as_faulted(&daemon);
     assert_eq!(text(&daemon.volcomp(&["enable", "--clear-fault"]).stdout).trim(), "armed");
     assert_eq!(daemon.status()["faults"], serde_json::json!([]));
+}
+
+#[test]
+fn a_fault_that_comes_back_at_once_is_a_refusal_that_names_it() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.deceive(0.05);
+    let mut session = port.link();
+    session.run_unanswered(50);
+    let command =
+        daemon.command(&["enable", "--clear-fault"]).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn();
+    let command = command.expect("volcomp runs");
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // at zero, so that the fault can be cleared; another offset as soon as one is sent again
+            let mut lies = false;
+            loop {
+                let mut position = session.position();
+                position.applied[0] = if lies { 0.05 } else { 0.0 };
+                session.send(&Message::Position(position));
+                std::thread::sleep(Duration::from_millis(1));
+                match session.poll() {
+                    Some(Message::Correction(_)) => lies = true,
+                    Some(Message::Close(_)) => return,
+                    _ => {}
+                }
+            }
+        });
+    });
+    let output = command.wait_with_output().expect("ends");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(65), "{said}");
+    assert!(said.contains("at once: faulted: VC-4001"), "{said}");
+}
+
+#[test]
+fn half_open_clients_do_not_shut_out_an_operator() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    let held: Vec<UnixStream> = (0..16)
+        .map(|k| {
+            let mut client = UnixStream::connect(daemon.socket()).expect("connects");
+            // every second one has begun a request
+            if k % 2 == 0 {
+                client.write_all(b"{\"command\":").expect("sent");
+            }
+            client
+        })
+        .collect();
+    let answer = daemon.volcomp(&["disable"]);
+    assert!(answer.status.success(), "{}", text(&answer.stderr));
+    let answer = daemon.volcomp(&["status", "--json"]);
+    assert!(is_answer(&answer), "{}", text(&answer.stderr));
+    drop(held);
 }
 
 /// Enabling says which fault is latched, and how to go on.

@@ -261,12 +261,15 @@ impl Compensator {
     /// A silenced fault may be cleared once the control reports on this link that it holds nothing; any other one once the offset
     /// is back at zero.
     pub(super) fn may_clear(&self) -> bool {
-        if !self.silenced {
-            return self.is_zero();
-        }
-        let limits = &self.config;
+        if self.silenced { self.reports_zero() } else { self.is_zero() }
+    }
+
+    /// True where the control has reported on this link that it holds no offset, within the tolerance.
+    #[must_use]
+    pub fn reports_zero(&self) -> bool {
+        let tolerance = &self.config.read_back_tolerance;
         self.reported.is_some_and(|reported| {
-            (0..self.axes).all(|k| !self.is_listed(k) || reported[k].abs() <= limits.read_back_tolerance[k])
+            (0..self.axes).all(|k| !self.is_listed(k) || reported[k].abs() <= tolerance[k])
         })
     }
 }
