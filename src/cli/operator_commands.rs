@@ -156,6 +156,9 @@ fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
     for note in &answer.notes {
         note!("note: {note}");
     }
+    if answer.state.as_deref() == Some("faulted") {
+        note!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
+    }
     Ok(())
 }
 

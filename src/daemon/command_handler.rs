@@ -30,8 +30,8 @@ const POLL: Duration = Duration::from_millis(2);
 /// Position frames beyond the window of the read-back by which an engine has faulted again whose fault is still there: those
 /// that must be good before it ramps in, and some that are lost.
 const SETTLE_FRAMES: u64 = 20;
-/// Patience with a control that sends fewer.
-const SETTLE_LIMIT: Duration = Duration::from_secs(1);
+/// Shortest and longest wait for them, s; in between four times what they take at the cycle time.
+const SETTLE_LIMIT_S: [f64; 2] = [0.25, 1.0];
 /// Time for at least one cycle to show a command's effect.
 const SETTLE: Duration = Duration::from_millis(50);
 
@@ -299,10 +299,13 @@ async fn clear_fault(service: &Mutex<Service>) -> Answer {
 
 /// The answer, or a refusal where a fault is latched before the engine has seen enough frames to show it.
 async fn or_fault(answer: Answer, what: &str, service: &Mutex<Service>) -> Answer {
-    let (first, enough) = {
+    let (first, enough, cycle_s) = {
         let service = service.lock();
-        (service.frames(), u64::from(service.config().engine.read_back_cycles) + SETTLE_FRAMES)
+        let config = service.config();
+        (service.frames(), u64::from(config.engine.read_back_cycles) + SETTLE_FRAMES, config.link.cycle_s)
     };
+    let [shortest, longest] = SETTLE_LIMIT_S;
+    let limit = Duration::from_secs_f64((4.0 * enough as f64 * cycle_s).clamp(shortest, longest));
     let Some(first) = first else { return answer };
     let fault = async {
         loop {
@@ -317,7 +320,7 @@ async fn or_fault(answer: Answer, what: &str, service: &Mutex<Service>) -> Answe
             sleep(POLL).await;
         }
     };
-    match timeout(SETTLE_LIMIT, fault).await {
+    match timeout(limit, fault).await {
         Ok(Some(fault)) => Answer { notes: answer.notes, ..Answer::refused(format!("{what}: {fault}")) },
         Ok(None) | Err(_) => Answer { state: Some(service.lock().state().to_owned()), ..answer },
     }

@@ -64,6 +64,8 @@ pub struct Compensator {
     reported: Option<AxisArray>,
     /// Least and largest offset sent on this link, zero included, mm and rad: what the control may hold when the next one begins.
     reach: Option<[[f64; 2]; MAX_AXES]>,
+    /// The offset at which this link began, mm and rad.
+    found: AxisArray,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
     frozen: bool,
     /// Drives off or emergency stop: the control cannot move any offset.
@@ -149,6 +151,7 @@ impl Compensator {
             follows: 0,
             reported: None,
             reach: None,
+            found: [0.0; MAX_AXES],
             frozen: false,
             immobile: false,
             held_s: 0.0,
