@@ -186,6 +186,56 @@ fn a_fault_that_comes_back_at_once_is_a_refusal_that_names_it() {
 }
 
 #[test]
+fn an_axis_that_is_not_listed_keeps_its_offset_and_that_is_told() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), Setup::default());
+    let mut larger = hello();
+    larger.axes[3] = Axis { name: AxisName::U, unit: AxisUnit::Millimetre };
+    larger.axis_count = 4;
+    let mut session = port.accept();
+    session.handshake(&larger);
+    // left from a time when the machine file had [axes.u]
+    session.applied[3] = 0.05;
+    let mut seen = serde_json::Value::Null;
+    let told = eventually(|| {
+        let _ = session.cycle();
+        seen = daemon.status();
+        seen["unlisted"] == serde_json::json!(["u"])
+            && seen["recent"]["warnings"]
+                .as_array()
+                .is_some_and(|all| all.iter().any(|w| w["code"] == "VC-4010"))
+    });
+    assert!(told, "{seen}");
+    let shown = text(&daemon.volcomp(&["status"]).stdout);
+    assert!(
+        shown.lines().any(|l| l.contains("+50.000 um") && l.contains("NOT IN THE MACHINE FILE")),
+        "{shown}"
+    );
+    daemon.signal(Signal::TERM);
+    while let Message::Correction(_) = session.try_cycle() {}
+    let _ = daemon.wait();
+    let log = daemon.log();
+    assert!(log.contains("the control keeps those of others: u: 50.0000 um"), "{log}");
+    assert!(!log.contains("INFO the offset is at its rest value"), "{log}");
+}
+
+#[test]
+fn a_stop_with_a_fault_at_zero_does_not_warn() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.deceive(0.05);
+    let mut session = port.link();
+    session.run_unanswered(50);
+    daemon.signal(Signal::TERM);
+    let _ = daemon.wait();
+    let log = daemon.log();
+    assert!(log.contains("nothing was sent, and the control reports no offset"), "{log}");
+    assert!(!log.contains("stopped before the offset was at its rest value"), "{log}");
+}
+
+#[test]
 fn half_open_clients_do_not_shut_out_an_operator() {
     let port = Port::open();
     let daemon = Daemon::start(&port.address(), Setup::default());

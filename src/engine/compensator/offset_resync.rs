@@ -8,7 +8,7 @@
 
 use super::{Compensator, Detail, Event, Position, Reason, State};
 use crate::config::{FOUND_FACTOR, UNLISTED_MAX_DEG, UNLISTED_MAX_MM};
-use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp_model::axes::{AxisArray, AxisKind};
 use volcomp_model::units::{NS_PER_S, RAD_PER_DEG};
 use volcomp_protocol::MachineState;
 
