@@ -23,7 +23,7 @@ const SETS: [&str; 5] = [
 ];
 
 /// Programs that tests start where they are installed.
-const TOOLS: [&str; 3] = ["chromium", "pdftotext", "promtool"];
+const TOOLS: [&str; 4] = ["chromium", "node", "pdftotext", "promtool"];
 
 fn main() {
     for tool in TOOLS {

@@ -8,7 +8,10 @@ use super::Verb;
 const GROUPS: [(&str, &[&str]); 5] = [
     (
         "Operate",
-        &["check", "enable", "disable", "gain", "status", "load", "rollback", "explain", "audit", "bench"],
+        &[
+            "check", "enable", "disable", "gain", "status", "watch", "load", "rollback", "explain", "audit",
+            "bench",
+        ],
     ),
     ("Measure", &["identify", "evaluate", "verify"]),
     ("Model", &["fit", "model", "predict", "correct", "diff", "filter"]),

@@ -137,6 +137,7 @@ subcommands! {
         Explain(explain::Args) => explain::run,
         Diff(diff::Args) => diff::run,
         Status(status::StatusArgs) => status::status,
+        Watch(status::WatchArgs) => status::watch,
         Enable(operator_commands::EnableArgs) => operator_commands::enable,
         Disable(operator_commands::DisableArgs) => operator_commands::disable,
         Gain(operator_commands::GainArgs) => operator_commands::gain,

@@ -131,7 +131,7 @@ pub(super) fn rollback(args: &RollbackArgs) -> Result<(), Failure> {
 fn clear_fault(wanted: bool, common: &Common) -> Result<(), Failure> {
     if wanted {
         let ask = Ask { command: Verb::ClearFault, reason: common.reason.clone(), ..Ask::default() };
-        client::ask(&socket(&common.which)?, &ask).map_err(|e| failure(&e))?;
+        client::ask(&socket(&common.which)?, &ask).map_err(|e| refusal(&e))?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 mod paint;
 mod recent;
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Which daemon.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub(super) struct Which {
     /// The daemon's machine file, which names its socket.
     #[arg(long, value_name = "FILE", conflicts_with = "socket")]
@@ -37,7 +38,7 @@ pub(super) struct Which {
 #[derive(Debug, clap::Parser)]
 #[command(
     after_help = "Exit codes: 0 active or idle and nothing to report; 1 a warning in the last minute, or something \
-    stands against compensating; 2 the offset is held; 3 no link to the control; 4 a fault is latched; \
+    stands against compensating; 2 the offset is held, or an enabled compensation waits for the machine; 3 no link to the control; 4 a fault is latched; \
     74 the daemon does not answer."
 )]
 pub(super) struct StatusArgs {
@@ -52,6 +53,21 @@ pub(super) struct StatusArgs {
     /// Redraw every second until interrupted; waits while the daemon restarts.
     #[arg(long)]
     watch: bool,
+}
+
+/// Show the state of the daemon and redraw it every second until interrupted: `volcomp status --watch`.
+#[derive(Debug, clap::Parser)]
+pub(super) struct WatchArgs {
+    #[command(flatten)]
+    which: Which,
+    /// Print one JSON object a second instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn watch(args: &WatchArgs) -> Result<(), Failure> {
+    let WatchArgs { which, json } = args;
+    status(&StatusArgs { which: which.clone(), json: *json, histograms: false, watch: true })
 }
 
 #[expect(clippy::disallowed_methods, reason = "--watch waits between two prints")]
@@ -278,13 +294,19 @@ fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
         ("arcsec", &status.correction_arcsec, &status.applied_arcsec),
     ];
     for (unit, asked, applied) in groups {
-        for (axis, value) in asked {
-            write!(f, "{axis:>4}        {value:+10.3} {unit}")?;
+        let axes: BTreeSet<&String> = asked.keys().chain(applied.keys()).collect();
+        for axis in axes {
+            match asked.get(axis) {
+                Some(value) => write!(f, "{axis:>4}        {value:+10.3} {unit}")?,
+                None => write!(f, "{axis:>4}        nothing is sent")?,
+            }
             if let Some(applied) = applied.get(axis) {
                 write!(f, "   applied {applied:+10.3} {unit}")?;
             }
             for (axes, word) in [
                 (&status.limited, "LIMITED"),
+                (&status.lagging, "BEHIND"),
+                (&status.unlisted, "NOT IN THE MACHINE FILE"),
                 (&status.warning, "WARNING"),
                 (&status.out_of_range, "OUT OF RANGE"),
             ] {

@@ -134,6 +134,12 @@ impl fmt::Display for ConfigErrors {
 
 impl core::error::Error for ConfigErrors {}
 
+/// A number as it is written by hand: with an exponent where it would have many digits.
+pub(super) fn figure(v: f64) -> String {
+    let long = v != 0.0 && !(1e-6..1e9).contains(&v.abs());
+    if long { format!("{v:e}") } else { format!("{v}") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -13,6 +13,7 @@ mod key_names;
 pub mod machine;
 pub mod model;
 mod reader;
+mod syntax;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{

@@ -11,8 +11,9 @@ use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{ConfigErrors, Diagnostic};
+use super::diagnostic::{ConfigErrors, Diagnostic, figure};
 use super::key_names::{in_words, stem, suggestion, unit_of};
+use super::syntax;
 
 /// A value and where it stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -153,23 +154,22 @@ pub(super) fn document<'t>(file: &str, text: &'t str) -> Result<DeTable<'t>, Con
     } else {
         match DeTable::parse(text) {
             Ok(table) => (table, Vec::new()),
-            Err(first) => return Err(ConfigErrors::new(file, text, vec![not_toml(&first)])),
+            Err(first) => return Err(ConfigErrors::new(file, text, vec![not_toml(text, &first)])),
         }
     };
     if errors.is_empty() {
         return Ok(table.into_inner());
     }
-    Err(ConfigErrors::new(file, text, errors.iter().take(FOUND_MAX).map(not_toml).collect()))
+    Err(ConfigErrors::new(file, text, errors.iter().take(FOUND_MAX).map(|e| not_toml(text, e)).collect()))
 }
 
-fn not_toml(error: &toml::de::Error) -> Diagnostic {
-    Diagnostic {
-        span: error.span(),
-        message: format!("not TOML: {}", error.message()),
-        remedy: Some(
-            "write key = value; text in \"quotes\", lists in [brackets], # before a comment".to_owned(),
-        ),
-    }
+fn not_toml(text: &str, error: &toml::de::Error) -> Diagnostic {
+    let known = error.span().and_then(|span| syntax::known_mistake(text, span.start, error.message()));
+    let (message, remedy) = known.unwrap_or_else(|| {
+        let remedy = "write key = value; text in \"quotes\", lists in [brackets], # before a comment";
+        (error.message().to_owned(), remedy.to_owned())
+    });
+    Diagnostic { span: error.span(), message: format!("not TOML: {message}"), remedy: Some(remedy) }
 }
 
 /// The place of the value of `path`, for mistakes that only show when files are compared; a key that has no value
@@ -393,7 +393,7 @@ impl<'r> Section<'r> {
             let unit = unit_of(key).map_or(String::new(), |u| format!(" {}", in_words(u)));
             self.report(Diagnostic::at(
                 value.place,
-                format!("{} is {number}{unit}", self.named_key(key)),
+                format!("{} is {}{unit}", self.named_key(key), figure(number)),
                 format!("allowed is {}", allowed.in_words(&unit)),
             ));
             return None;

@@ -156,7 +156,6 @@ mod tests {
     use super::*;
     use volcomp_config::model;
     use volcomp_engine::State;
-    use volcomp_protocol::MachineState;
 
     #[test]
     fn the_error_without_compensation_is_the_deviation_of_the_model() {
@@ -180,19 +179,12 @@ mod tests {
             (wanted[k], position[k]) = (-deviation[k] / 2.0, place[k]);
         }
         let mut record = CycleRecord {
+            answered: true,
             state: State::Active,
-            machine_state: MachineState::from_bits(0),
-            limited: 0,
-            warning: 0,
-            out_of_range: 0,
-            lag_cycles: None,
             offset: wanted,
             wanted,
             position,
-            applied: [0.0; MAX_AXES],
-            age_ns: 0,
-            turnaround_ns: 0,
-            compute_ns: 0,
+            ..CycleRecord::UNANSWERED
         };
         let [without, with] = tip_errors(&model, &axes, &record, 0.5).expect("a position");
         assert!((without - deviation.map(um_from_mm)).norm() < 1e-6, "{without} {deviation}");

@@ -17,11 +17,11 @@ use super::handshake::LinkError;
 use super::link_end::LinkEnd;
 use super::realtime::RealtimeReport;
 use super::recorder::Tap;
-use volcomp_engine::{Command, Event, ShadowScore, State};
+use volcomp_engine::{Command, Event, Reason, ShadowScore, State};
 use volcomp_model::Model;
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::MonoTime;
-use volcomp_units::axes::AxisArray;
+use volcomp_units::axes::{AxisArray, MAX_AXES};
 
 /// Records in flight: two seconds at 4 kHz.
 const RECORDS: usize = 8192;
@@ -105,20 +105,25 @@ pub(super) enum Report {
 pub(super) enum LastOffset {
     /// At its rest value.
     AtRest,
+    /// A fault is latched, so nothing was sent, and the control reported no offset.
+    Released,
     /// Not yet at its rest value.
     OnItsWay,
     /// There was no link.
     NoLink,
 }
 
-/// One cycle, for statistics and status.
+/// One position frame, for statistics and status.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CycleRecord {
+    /// False where nothing may be sent: offset, correction and times are not those of this frame.
+    pub(super) answered: bool,
     pub(super) state: State,
     pub(super) machine_state: MachineState,
     pub(super) limited: u8,
     pub(super) warning: u8,
     pub(super) out_of_range: u8,
+    pub(super) lagging: u8,
     /// Control cycles from a position to the effect of its correction, where they could be measured.
     pub(super) lag_cycles: Option<u32>,
     /// Offset asked for, mm or rad.
@@ -135,6 +140,27 @@ pub(super) struct CycleRecord {
     pub(super) turnaround_ns: i64,
     /// From the frame's bytes in hand to the correction computed, ns.
     pub(super) compute_ns: i64,
+}
+
+impl CycleRecord {
+    /// A frame that nothing was sent for.
+    pub(super) const UNANSWERED: Self = Self {
+        answered: false,
+        state: State::Off,
+        machine_state: MachineState::from_bits(0),
+        limited: 0,
+        warning: 0,
+        out_of_range: 0,
+        lagging: 0,
+        lag_cycles: None,
+        offset: [0.0; MAX_AXES],
+        wanted: [0.0; MAX_AXES],
+        position: [0.0; MAX_AXES],
+        applied: [0.0; MAX_AXES],
+        age_ns: 0,
+        turnaround_ns: 0,
+        compute_ns: 0,
+    };
 }
 
 /// Counters that the cycle thread writes and anybody reads.
@@ -154,6 +180,14 @@ pub(super) struct Progress {
     pub(super) limited: AtomicU64,
     /// Cycles in which a soft limit of the machine held an offset back.
     pub(super) at_soft_limit: AtomicU64,
+    /// Cycles in which an axis outside the travel of the model was compensated all the same.
+    pub(super) out_of_travel: AtomicU64,
+    /// Cycles in which the control said that it limits the offset.
+    pub(super) control_limited: AtomicU64,
+    /// Cycles in which an offset stayed away from its correction for longer than its limits explain.
+    pub(super) lagging: AtomicU64,
+    /// Cycles in which the control held an offset of an axis that the machine file does not list.
+    pub(super) unlisted: AtomicU64,
     /// Mean times of calls to a control that is read and written by calls, ns; 0 where there are none.
     pub(super) read_ns: AtomicI64,
     pub(super) write_ns: AtomicI64,
@@ -173,6 +207,8 @@ pub(super) struct Progress {
     pub(super) cycle_ended: AtomicBool,
     /// State of the engine, as [`state_code`].
     state: AtomicU8,
+    /// Why an enabled compensation waits: its place in [`Reason::ALL`] and one more, or 0.
+    waits_for: AtomicU8,
     /// Whether the link is up.
     link: AtomicBool,
     /// Whether compensation is wanted by the operator or the configuration.
@@ -228,6 +264,16 @@ impl Progress {
 
     pub(super) fn set_state(&self, state: State) {
         self.state.store(state_code(state), Relaxed);
+    }
+
+    pub(super) fn set_waits_for(&self, reason: Option<Reason>) {
+        self.waits_for.store(reason.map_or(0, |reason| reason as u8 + 1), Relaxed);
+    }
+
+    /// Why an enabled compensation waits.
+    pub(super) fn waits_for(&self) -> Option<Reason> {
+        let place = usize::from(self.waits_for.load(Relaxed));
+        Reason::ALL.get(place.checked_sub(1)?).copied()
     }
 
     pub(super) fn set_link(&self, up: bool) {
@@ -350,6 +396,16 @@ mod tests {
         progress.set_link(false);
         assert_eq!(progress.state(), None);
         assert!(progress.is_faulted(), "a fault outlives the link");
+    }
+
+    #[test]
+    fn every_reason_to_wait_survives_its_code() {
+        let progress = Progress::default();
+        assert_eq!(progress.waits_for(), None);
+        for reason in Reason::ALL.map(Some).into_iter().chain([None]) {
+            progress.set_waits_for(reason);
+            assert_eq!(progress.waits_for(), reason);
+        }
     }
 
     #[test]

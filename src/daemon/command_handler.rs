@@ -27,6 +27,11 @@ const COMMAND_LIMIT: Duration = Duration::from_secs(2);
 const DISK_LIMIT: Duration = Duration::from_secs(2);
 /// Interval at which it is looked whether something is done.
 const POLL: Duration = Duration::from_millis(2);
+/// Position frames beyond the window of the read-back by which an engine has faulted again whose fault is still there: those
+/// that must be good before it ramps in, and some that are lost.
+const SETTLE_FRAMES: u64 = 20;
+/// Shortest and longest wait for them, s; in between four times what they take at the cycle time.
+const SETTLE_LIMIT_S: [f64; 2] = [0.25, 1.0];
 /// Time for at least one cycle to show a command's effect.
 const SETTLE: Duration = Duration::from_millis(50);
 
@@ -95,7 +100,7 @@ pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer
     let answer = match ask.command {
         Verb::Enable => enable(&ask, service).await,
         Verb::Disable => disable(service).await,
-        Verb::ClearFault => order(Request::Engine(Command::ClearFault), service).await,
+        Verb::ClearFault => clear_fault(service).await,
         Verb::Gain => gain(ask.gain, service).await,
         Verb::Load => load(&mut ask, &who, service).await,
         Verb::Rollback => rollback(&ask, &who, service).await,
@@ -211,7 +216,10 @@ fn refusal(request: &Request, service: &Service) -> String {
             "the engine refuses: it does not fit the axes of the control".to_owned()
         }
         (Request::Engine(Command::ClearFault), Some(fault)) => {
-            format!("{fault}; a fault is cleared at zero offset only, with the link up: try again")
+            format!(
+                "{fault}; a fault is cleared at zero offset only, with the link up: {}; try again",
+                service.not_clearable()
+            )
         }
         (_, Some(fault)) => format!("{fault}; once its cause is gone: `volcomp enable --clear-fault`"),
         (_, None) => "it was not carried out in time; try again".to_owned(),
@@ -272,7 +280,50 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
     let mut notes: Vec<String> = against.iter().map(|(hindrance, _)| hindrance.to_string()).collect();
     let answer = order(Request::Engine(Command::Enable), service).await;
     notes.extend(answer.notes.iter().cloned());
-    Answer { notes, ..answer }
+    let answer = Answer { notes, ..answer };
+    if answer.ok {
+        or_fault(answer, "compensation was enabled and ended at once", service).await
+    } else {
+        answer
+    }
+}
+
+async fn clear_fault(service: &Mutex<Service>) -> Answer {
+    let answer = order(Request::Engine(Command::ClearFault), service).await;
+    if answer.ok {
+        or_fault(answer, "the fault was cleared and came back at once", service).await
+    } else {
+        answer
+    }
+}
+
+/// The answer, or a refusal where a fault is latched before the engine has seen enough frames to show it.
+async fn or_fault(answer: Answer, what: &str, service: &Mutex<Service>) -> Answer {
+    let (first, enough, cycle_s) = {
+        let service = service.lock();
+        let config = service.config();
+        (service.frames(), u64::from(config.engine.read_back_cycles) + SETTLE_FRAMES, config.link.cycle_s)
+    };
+    let [shortest, longest] = SETTLE_LIMIT_S;
+    let limit = Duration::from_secs_f64((4.0 * enough as f64 * cycle_s).clamp(shortest, longest));
+    let Some(first) = first else { return answer };
+    let fault = async {
+        loop {
+            {
+                let mut service = service.lock();
+                service.drain();
+                let latched = service.latched();
+                if latched.is_some() || service.frames().is_none_or(|frames| frames >= first + enough) {
+                    return latched;
+                }
+            }
+            sleep(POLL).await;
+        }
+    };
+    match timeout(limit, fault).await {
+        Ok(Some(fault)) => Answer { notes: answer.notes, ..Answer::refused(format!("{what}: {fault}")) },
+        Ok(None) | Err(_) => Answer { state: Some(service.lock().state().to_owned()), ..answer },
+    }
 }
 
 async fn disable(service: &Mutex<Service>) -> Answer {

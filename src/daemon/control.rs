@@ -229,6 +229,7 @@ impl Control {
             if answered { session.output().and_then(|output| output.event) } else { session.take_event() };
         let progress = &self.channels.progress;
         progress.set_state(session.state());
+        progress.set_waits_for(session.waits_for());
         // a fault ends the wish to compensate, until it is cleared and enabled again
         if session.state() == State::Faulted {
             progress.wanted.store(false, Relaxed);
@@ -245,6 +246,7 @@ impl Control {
             live.link_up(hello);
         }
         self.channels.progress.set_state(session.state());
+        self.channels.progress.set_waits_for(None);
         self.channels.progress.set_link(true);
     }
 

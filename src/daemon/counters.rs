@@ -158,25 +158,18 @@ mod tests {
 
     use super::*;
     use volcomp_engine::State;
-    use volcomp_protocol::MachineState;
 
     fn record(limited: u8, x_mm: f64) -> CycleRecord {
         let mut offset = [0.0; MAX_AXES];
         offset[0] = x_mm;
         CycleRecord {
-            lag_cycles: None,
+            answered: true,
             state: State::Active,
-            machine_state: MachineState::default(),
             limited,
-            warning: 0,
-            out_of_range: 0,
             offset,
             wanted: offset,
-            position: [0.0; MAX_AXES],
             applied: offset,
-            age_ns: 0,
-            turnaround_ns: 0,
-            compute_ns: 0,
+            ..CycleRecord::UNANSWERED
         }
     }
 

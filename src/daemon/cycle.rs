@@ -25,7 +25,7 @@ use super::sensors::LiveEnd;
 use volcomp_config::LinkConfig;
 use volcomp_engine::State;
 use volcomp_engine::fault::Code;
-use volcomp_protocol::{CloseReason, ErrorCode, Message, Position};
+use volcomp_protocol::{CloseReason, ErrorCode, MachineState, Message, Position};
 use volcomp_units::{MonoTime, NS_PER_S};
 
 /// Longest wait for bytes: requests and the watchdog are looked after this often.
@@ -104,11 +104,12 @@ impl Cycle<'_> {
         if now.seconds_since(link.received()) >= self.limits.silence_s {
             return Ok(Some(LinkEnd::Silent { limit_s: self.limits.silence_s }));
         }
-        if self.session.next_deadline().is_some_and(|due| now >= due)
-            && let Some(correction) = self.session.deadline(now)
-        {
-            self.control.report(self.session, true);
-            link.send(&Message::Correction(correction))?;
+        if self.session.next_deadline().is_some_and(|due| now >= due) {
+            let correction = self.session.deadline(now);
+            self.control.report(self.session, correction.is_some());
+            if let Some(correction) = correction {
+                link.send(&Message::Correction(correction))?;
+            }
             self.session.record();
         }
         self.session.run_shadow_on_deadline(now);
@@ -224,6 +225,8 @@ impl Cycle<'_> {
         if lock_step {
             self.live(received, &frame);
         }
+        let unlisted = self.session.has_unlisted_offset(&frame.applied);
+        Progress::add(&self.control.channels.progress.unlisted, u64::from(unlisted));
         let strays = self.session.strays();
         let reaction = self.session.handle(received, &message);
         let strays = self.session.strays().saturating_sub(strays);
@@ -234,6 +237,13 @@ impl Cycle<'_> {
                 self.live(received, &frame);
             }
             self.control.report(self.session, false);
+            self.control.channels.record(CycleRecord {
+                state: self.session.state(),
+                machine_state: frame.state,
+                position: frame.commanded,
+                applied: frame.applied,
+                ..CycleRecord::UNANSWERED
+            });
             return Ok(());
         };
         let computed = self.clock.now();
@@ -257,12 +267,18 @@ impl Cycle<'_> {
         let Some(output) = self.session.output() else { return Ok(()) };
         Progress::add(&progress.limited, u64::from(output.limited & !output.at_soft_limit != 0));
         Progress::add(&progress.at_soft_limit, u64::from(output.at_soft_limit != 0));
+        Progress::add(&progress.out_of_travel, u64::from(output.out_of_travel != 0));
+        Progress::add(&progress.lagging, u64::from(output.lagging != 0));
+        let control_limited = frame.state.has(MachineState::OFFSET_LIMITED);
+        Progress::add(&progress.control_limited, u64::from(control_limited));
         self.control.channels.record(CycleRecord {
+            answered: true,
             state: output.state,
             machine_state: frame.state,
             limited: output.limited,
             warning: output.warning,
             out_of_range: output.out_of_range,
+            lagging: output.lagging,
             lag_cycles: output.lag_cycles,
             offset: output.offset,
             wanted: output.wanted,
@@ -306,7 +322,7 @@ impl LinkEnd {
     /// How to close the link: an error to name, and the reason; `None` where the other side is gone.
     pub(super) const fn close_frame(&self) -> Option<(Option<(ErrorCode, &'static str)>, CloseReason)> {
         match self {
-            Self::BadFrame(_) => Some((Some((ErrorCode::BadFrame, "not a frame")), CloseReason::Error)),
+            Self::BadFrame(error) => Some((Some((ErrorCode::BadFrame, error.word())), CloseReason::Error)),
             Self::Unexpected(found) => Some((Some((ErrorCode::Unexpected, found)), CloseReason::Error)),
             Self::Malformed(what) => Some((Some((ErrorCode::BadFrame, what)), CloseReason::Error)),
             // after `Error` the control takes its offset out

@@ -9,7 +9,7 @@ use volcomp_config::machine::HelloMismatch;
 use volcomp_engine::EngineError;
 use volcomp_engine::fault::Code;
 use volcomp_protocol::{
-    Axis, ControlHello, DaemonHello, ErrorCode, ErrorReport, FrameError, Name, PROTOCOL_VERSION,
+    Axis, AxisUnit, ControlHello, DaemonHello, ErrorCode, ErrorReport, FrameError, Name, PROTOCOL_VERSION,
 };
 use volcomp_units::axes::MAX_AXES;
 
@@ -113,25 +113,47 @@ impl LinkError {
         }
     }
 
-    /// What to tell the control before closing, where it is worth telling.
-    pub(super) const fn code(&self) -> Option<ErrorCode> {
-        match self {
-            Self::Frame { .. } => Some(ErrorCode::BadFrame),
-            Self::Unexpected { .. } => Some(ErrorCode::Unexpected),
-            Self::Version { .. } => Some(ErrorCode::Version),
-            Self::Mismatch { source, .. } => Some(match source {
-                HelloMismatch::Machine { .. } => ErrorCode::WrongMachine,
-                HelloMismatch::Cycle { .. } => ErrorCode::WrongCycle,
-                HelloMismatch::AxisMissing { .. }
-                | HelloMismatch::AxisUnit { .. }
-                | HelloMismatch::AxisTwice { .. }
-                | HelloMismatch::AxisCount { .. } => ErrorCode::WrongAxes,
-            }),
-            Self::Engine { .. } => Some(ErrorCode::WrongAxes),
-            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } | Self::Refused { .. } => None,
+    /// Code and reason for the control before closing, where it is worth telling; the reason in at most [`Name::MAX`] bytes.
+    pub(super) fn report(&self) -> Option<(ErrorCode, String)> {
+        let (code, detail) = match self {
+            Self::Frame { source, .. } => {
+                (ErrorCode::BadFrame, ErrorReport::from(*source).detail.as_str().to_owned())
+            }
+            Self::Unexpected { found, .. } => (ErrorCode::Unexpected, format!("{found} before the hello")),
+            Self::Version { found, .. } => {
+                (ErrorCode::Version, format!("version {found}, not {PROTOCOL_VERSION}"))
+            }
+            Self::Mismatch { source, .. } => match source {
+                // the end of a long id is what is cut
+                HelloMismatch::Machine { expected, .. } => {
+                    (ErrorCode::WrongMachine, format!("expected {expected}"))
+                }
+                HelloMismatch::Cycle { expected_ms, found_ms } => {
+                    (ErrorCode::WrongCycle, format!("cycle {found_ms} ms, not {expected_ms} ms"))
+                }
+                HelloMismatch::AxisMissing { axis, .. } => {
+                    (ErrorCode::WrongAxes, format!("axis {axis} is missing"))
+                }
+                HelloMismatch::AxisUnit { axis, found } => {
+                    let unit = if *found == AxisUnit::Degree { "mm, not deg" } else { "deg, not mm" };
+                    (ErrorCode::WrongAxes, format!("axis {axis} must be in {unit}"))
+                }
+                HelloMismatch::AxisTwice { axis } => (ErrorCode::WrongAxes, format!("axis {axis} twice")),
+                HelloMismatch::AxisCount { found } => {
+                    (ErrorCode::WrongAxes, format!("{found} axes, must be 1 to {MAX_AXES}"))
+                }
+            },
+            Self::Engine { source: EngineError::AxisMissing { axis }, .. } => {
+                (ErrorCode::WrongAxes, format!("the model needs axis {axis}"))
+            }
+            Self::Engine { .. } => (ErrorCode::WrongAxes, "axes do not fit the machine file".to_owned()),
+            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } | Self::Refused { .. } => {
+                return None;
+            }
             // there is no common language to say it in
-            Self::Tls { .. } | Self::ClosedBeforeTls { .. } | Self::WantsTls { .. } => None,
-        }
+            Self::Tls { .. } | Self::ClosedBeforeTls { .. } | Self::WantsTls { .. } => return None,
+        };
+        Some((code, detail))
     }
 }
 
@@ -148,4 +170,50 @@ pub(super) fn daemon_hello(config: &MachineConfig) -> DaemonHello {
 /// The axes that a control announced.
 pub(super) fn announced(hello: &ControlHello) -> &[Axis] {
     &hello.axes[..usize::from(hello.axis_count).min(MAX_AXES)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_units::axes::AxisName::{A, X};
+
+    #[test]
+    fn the_control_is_told_the_reason_in_full() {
+        let address: SocketAddr = "127.0.0.1:7878".parse().expect("an address");
+        let mismatch = |source| LinkError::Mismatch { address, source };
+        let axis = HelloMismatch::AxisMissing { axis: X, found: volcomp_config::machine::AxisList(vec![A]) };
+        let all = [
+            (LinkError::Frame { address, source: FrameError::Crc { expected: 1, found: 2 } }, "check sum"),
+            (LinkError::Unexpected { address, found: "daemon hello" }, "daemon hello before the hello"),
+            (LinkError::Version { address, found: 255 }, "version 255, not 1"),
+            (
+                mismatch(HelloMismatch::Machine { expected: "vmc-850".to_owned(), found: "m".to_owned() }),
+                "expected vmc-850",
+            ),
+            (
+                mismatch(HelloMismatch::Cycle { expected_ms: 0.333, found_ms: 1000.25 }),
+                "cycle 1000.25 ms, not 0.333 ms",
+            ),
+            (mismatch(axis), "axis X is missing"),
+            (
+                mismatch(HelloMismatch::AxisUnit { axis: A, found: AxisUnit::Millimetre }),
+                "axis A must be in deg, not mm",
+            ),
+            (mismatch(HelloMismatch::AxisTwice { axis: X }), "axis X twice"),
+            (mismatch(HelloMismatch::AxisCount { found: 0 }), "0 axes, must be 1 to 8"),
+            (
+                LinkError::Engine { address, source: EngineError::AxisMissing { axis: A } },
+                "the model needs axis A",
+            ),
+            (
+                LinkError::Engine { address, source: EngineError::TooManyAxes { found: 9 } },
+                "axes do not fit the machine file",
+            ),
+        ];
+        for (error, expected) in all {
+            let (_, detail) = error.report().expect("told");
+            assert_eq!(Name::new(&detail).as_str(), expected, "nothing is cut");
+        }
+        assert_eq!(LinkError::Closed { address }.report(), None);
+    }
 }

@@ -2,8 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::recent::{CodeCount, is_counted_per_cycle};
 use super::status::Status;
 use volcomp_engine::fault::Code;
+
+/// Time since the last count after which a condition that is counted in every cycle is over, s: late cycles are judged
+/// every 2 s.
+const OVER_S: f64 = 3.0;
 
 /// The verdict on a status.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,14 +38,24 @@ pub(super) fn health(status: &Status) -> Health {
             let cause = status.link.error.as_deref().unwrap_or("connecting to the control");
             return of_code("disconnected", 3, status.link.error_code.as_deref().unwrap_or(""), cause);
         }
-        "holding" => {
-            let (code, text) = reason.map_or(("", "the offset is held"), |r| (r.code.as_str(), &r.text));
-            return of_code("held", 2, code, text);
+        state => {
+            if let Some(waits) = &status.waits_for {
+                let what =
+                    if state == "armed" { "compensation waits" } else { "the offset is held or led out" };
+                return of_code("held", 2, &waits.code, &format!("{what}: {}", waits.text));
+            }
+            if state == "holding" {
+                let (code, text) = reason.map_or(("", "the offset is held"), |r| (r.code.as_str(), &r.text));
+                return of_code("held", 2, code, text);
+            }
+            if state == "armed" {
+                return of_code("held", 2, "", "compensation waits for ten good position frames in a row");
+            }
         }
-        _ => {}
     }
-    if let Some(worst) = status.recent.warnings.iter().max_by_key(|w| (w.severity == "fault", w.count)) {
-        return of_code("warning", 1, &worst.code, &worst.text);
+    if let Some(worst) = status.recent.warnings.iter().max_by_key(|w| rank(w)) {
+        let text = if worst.present { worst.text.clone() } else { format!("{} (over)", worst.text) };
+        return of_code("warning", 1, &worst.code, &text);
     }
     let sensor = status.sensors.iter().find_map(|sensor| {
         let code = sensor.code.as_deref()?;
@@ -59,6 +74,32 @@ pub(super) fn health(status: &Status) -> Health {
         return of_code("warning", 1, &code, text);
     }
     Health { verdict: "ok".to_owned(), ..Health::default() }
+}
+
+/// Present ones first, then by severity and count.
+fn rank(warning: &CodeCount) -> (bool, bool, u64) {
+    (warning.present, warning.severity == "fault", warning.count)
+}
+
+/// Tells the warnings and faults that last from those that are over, and puts the most serious first.
+pub(super) fn mark_present(status: &mut Status) {
+    let reasons =
+        [status.state_reason.as_ref().filter(|_| is_interrupted(&status.state)), status.waits_for.as_ref()];
+    let mut present: Vec<String> = reasons.into_iter().flatten().map(|reason| reason.code.clone()).collect();
+    present.extend(status.faults.iter().map(|fault| fault.code.clone()));
+    present.extend(status.sensors.iter().filter_map(|sensor| sensor.code.clone()));
+    present.extend(status.growths.iter().filter_map(|growth| growth.code.clone()));
+    present.extend(status.link.error_code.clone().filter(|_| !status.link.up));
+    for warning in &mut status.recent.warnings {
+        let counted = warning.age_s < OVER_S && Code::parse(&warning.code).is_some_and(is_counted_per_cycle);
+        warning.present = counted || present.contains(&warning.code);
+    }
+    status.recent.warnings.sort_by_key(|warning| core::cmp::Reverse(rank(warning)));
+}
+
+/// Whether the reason of a state is why the offset does not follow its correction.
+fn is_interrupted(state: &str) -> bool {
+    matches!(state, "holding" | "ramping-out" | "faulted" | "fading-to-static")
 }
 
 fn of_code(verdict: &str, exit_code: u8, code: &str, cause: &str) -> Health {

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use super::recorder::{Tap, answer_of, request_of};
 use volcomp_engine::{
-    Command, Compensator, CycleOutput, EngineConfig, EngineError, Event, RestOffset, Shadow, ShadowScore,
-    State,
+    Command, Compensator, CycleOutput, EngineConfig, EngineError, Event, Reason, RestOffset, Shadow,
+    ShadowScore, State,
 };
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, SENSORS_MAX};
@@ -19,6 +19,9 @@ use volcomp_units::axes::AxisArray;
 
 /// A recording can carry every live value that a model can use.
 const _: () = assert!(SENSORS_MAX <= LIVE_MAX && LIVE_MAX <= u32::BITS as usize);
+
+/// The smallest offset that counts as one of an axis that is not listed, mm or deg.
+pub(super) const UNLISTED_MIN: f64 = 1e-6;
 
 /// The engine and its model.
 #[derive(Debug, Clone)]
@@ -31,6 +34,7 @@ pub struct LinkSession {
     rest: RestOffset,
     /// Bit k: axis k may be offset.
     moved: u8,
+    axes: usize,
     /// Where everything that goes into the engine is recorded.
     tap: Option<Tap>,
     /// Live values of one moment, told in front of the newest entry.
@@ -98,6 +102,7 @@ impl LinkSession {
             output: None,
             rest: config.rest,
             moved,
+            axes: config.axes.len(),
             tap: None,
             live: None,
             pending: Pending::Nothing,
@@ -343,6 +348,12 @@ impl LinkSession {
         self.engine.is_enabled()
     }
 
+    /// Why an enabled compensation waits or is held.
+    #[must_use]
+    pub fn waits_for(&self) -> Option<Reason> {
+        self.engine.waits_for()
+    }
+
     /// The change of state that no answer has reported, because none was sent.
     pub const fn take_event(&mut self) -> Option<Event> {
         self.engine.take_event()
@@ -371,6 +382,19 @@ impl LinkSession {
         }
         let zero = |(k, offset): (usize, &f64)| self.moved >> k & 1 == 0 || *offset == 0.0;
         self.is_stopped() && (self.rest == RestOffset::Hold || output.offset.iter().enumerate().all(zero))
+    }
+
+    /// True where nothing may be sent, and the control has reported that it holds no offset.
+    #[must_use]
+    pub fn is_released(&self) -> bool {
+        self.engine.is_silenced() && self.engine.reports_zero()
+    }
+
+    /// Whether the control holds an offset of an axis that the machine file does not list; `applied` in wire units.
+    #[must_use]
+    pub fn has_unlisted_offset(&self, applied: &AxisArray) -> bool {
+        let held = |(k, value): (usize, &f64)| self.moved >> k & 1 == 0 && value.abs() > UNLISTED_MIN;
+        applied.iter().take(self.axes).enumerate().any(held)
     }
 
     /// The newest answer as it is recorded.

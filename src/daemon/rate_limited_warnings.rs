@@ -29,7 +29,7 @@ struct Counted {
 /// Looks after all of them.
 #[derive(Debug)]
 pub(super) struct RateLimitedWarnings {
-    counted: [Counted; 3],
+    counted: [Counted; 7],
     /// Beginning of the present window, with cycles and late cycles until then.
     window: (MonoTime, u64, u64),
     late: LogLimiter,
@@ -46,6 +46,10 @@ impl RateLimitedWarnings {
                 counted(Code::SEQUENCE, |p| &p.out_of_order),
                 counted(Code::LIMITED, |p| &p.limited),
                 counted(Code::SOFT_LIMIT, |p| &p.at_soft_limit),
+                counted(Code::OUT_OF_TRAVEL, |p| &p.out_of_travel),
+                counted(Code::CONTROL_LIMITED, |p| &p.control_limited),
+                counted(Code::OFFSET_BEHIND, |p| &p.lagging),
+                counted(Code::UNLISTED_OFFSET, |p| &p.unlisted),
             ],
             window: (now, 0, 0),
             late: LogLimiter::new(1, PAUSE),

@@ -74,6 +74,9 @@ pub struct CodeCount {
     pub count: u64,
     /// Time since the last one, s.
     pub age_s: f64,
+    /// Whether it lasts; `false` where it is over.
+    #[serde(default)]
+    pub present: bool,
 }
 
 /// An entry of the event list; repetitions within a minute are one entry.
@@ -131,17 +134,26 @@ pub(super) struct Recent {
     totals: [u64; CATALOGUE.len()],
 }
 
+/// Whether a number is counted in every cycle for as long as it lasts.
+pub(super) fn is_counted_per_cycle(code: Code) -> bool {
+    code == Code::LATE_CYCLES || COUNTERS.iter().any(|(_, counted)| *counted == Some(code))
+}
+
 /// A counter of the cycle thread.
 type Counter = fn(&Progress) -> &AtomicU64;
 
 /// Counters whose increments are counted; those with a number appear among the warnings.
-const COUNTERS: [(Counter, Option<Code>); 6] = [
+const COUNTERS: [(Counter, Option<Code>); 10] = [
     (|p| &p.cycles, None),
     (|p| &p.late, None),
     (|p| &p.skipped, None),
     (|p| &p.out_of_order, Some(Code::SEQUENCE)),
     (|p| &p.limited, Some(Code::LIMITED)),
     (|p| &p.at_soft_limit, Some(Code::SOFT_LIMIT)),
+    (|p| &p.out_of_travel, Some(Code::OUT_OF_TRAVEL)),
+    (|p| &p.control_limited, Some(Code::CONTROL_LIMITED)),
+    (|p| &p.lagging, Some(Code::OFFSET_BEHIND)),
+    (|p| &p.unlisted, Some(Code::UNLISTED_OFFSET)),
 ];
 
 impl Slot {
@@ -289,6 +301,7 @@ impl Recent {
                 text: entry.text.to_owned(),
                 count,
                 age_s: self.last[index].map_or(0.0, |last| now.seconds_since(last)),
+                present: false,
             })
         };
         CATALOGUE.iter().enumerate().filter_map(counted).collect()

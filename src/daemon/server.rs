@@ -5,25 +5,30 @@
 //!
 //! Requests and answers: [`super::socket`]; what they lead to: [`super::command_handler`].
 
+use std::collections::VecDeque;
 use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::Semaphore;
+use tokio::task::{JoinHandle, yield_now};
 use tokio::time::{sleep, timeout};
 use tracing::warn;
 
 use super::command_handler::{Peer, carry_out};
 use super::service::Service;
-use super::socket::{Answer, Ask, REQUEST_BYTES_MAX};
+use super::socket::{Answer, Ask, REQUEST_BYTES_MAX, Verb};
 use super::sync::Mutex;
 
 /// Clients served at the same time.
 const CLIENTS: usize = 8;
+/// Requests carried out at the same time; the places beyond are for `disable`.
+const ORDERS: usize = CLIENTS - 2;
 /// Patience with a client that sends or takes nothing.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Why the socket cannot be offered.
@@ -91,7 +96,8 @@ impl Server {
 
     /// Serves until dropped.
     pub(super) async fn run(self, service: Arc<Mutex<Service>>) {
-        let places = Arc::new(Semaphore::new(CLIENTS));
+        let mut places = Places::default();
+        let orders = Arc::new(Semaphore::new(ORDERS));
         loop {
             let stream = match self.listener.accept().await {
                 Ok((stream, _)) => stream,
@@ -101,20 +107,49 @@ impl Server {
                     continue;
                 }
             };
-            match Arc::clone(&places).try_acquire_owned() {
-                Ok(place) => {
-                    let service = Arc::clone(&service);
-                    tokio::spawn(async move {
-                        // a client that goes away in between is its own affair
-                        let _ = converse(stream, &service).await;
-                        drop(place);
-                    });
-                }
-                Err(_) => {
-                    let _ = refuse(stream).await;
-                }
+            if !places.make_room() {
+                let _ = refuse(stream).await;
+                continue;
             }
+            let (service, orders, busy) =
+                (Arc::clone(&service), Arc::clone(&orders), Arc::new(AtomicBool::new(false)));
+            let shown = Arc::clone(&busy);
+            let task = tokio::spawn(async move {
+                // a client that goes away in between is its own affair
+                let _ = converse(stream, &service, &orders, &shown).await;
+            });
+            places.clients.push_back(Client { task, busy });
+            // a client whose request has come with it is served before it could be the one to make room
+            yield_now().await;
         }
+    }
+}
+
+/// A client being served.
+#[derive(Debug)]
+struct Client {
+    task: JoinHandle<()>,
+    /// Its request is being carried out.
+    busy: Arc<AtomicBool>,
+}
+
+/// The clients being served, oldest first.
+#[derive(Debug, Default)]
+struct Places {
+    clients: VecDeque<Client>,
+}
+
+impl Places {
+    /// Makes room for one more: at the expense of the oldest client that waits or sends nothing. False where none does.
+    fn make_room(&mut self) -> bool {
+        self.clients.retain(|client| !client.task.is_finished());
+        if self.clients.len() < CLIENTS {
+            return true;
+        }
+        let idle = self.clients.iter().position(|client| !client.busy.load(Relaxed));
+        let Some(client) = idle.and_then(|idle| self.clients.remove(idle)) else { return false };
+        client.task.abort();
+        true
     }
 }
 
@@ -131,7 +166,12 @@ async fn refuse(mut stream: UnixStream) -> io::Result<()> {
     stream.shutdown().await
 }
 
-async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Result<()> {
+async fn converse(
+    mut stream: UnixStream,
+    service: &Mutex<Service>,
+    orders: &Semaphore,
+    busy: &AtomicBool,
+) -> io::Result<()> {
     let peer = stream.peer_cred().map_or(Peer::Unknown, |c| Peer::Process { uid: c.uid(), pid: c.pid() });
     let (reader, mut writer) = stream.split();
     let mut reader = BufReader::new(reader);
@@ -151,7 +191,12 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
             return Ok(());
         }
         let answer = match serde_json::from_slice::<Ask>(&request) {
-            Ok(ask) if complete => carry_out(ask, service, peer).await,
+            Ok(ask) if complete => {
+                busy.store(true, Relaxed);
+                let answer = in_turn(ask, service, orders, peer).await;
+                busy.store(false, Relaxed);
+                answer
+            }
             Ok(_) => Answer::refused("the request does not end with a line feed".to_owned()),
             Err(error) => Answer::refused(format!("the request is not understood: {error}")),
         };
@@ -162,6 +207,16 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
             _ => return Ok(()),
         }
     }
+}
+
+/// Carries a request out; `disable` always, others where the requests in progress leave a place for it.
+async fn in_turn(ask: Ask, service: &Mutex<Service>, orders: &Semaphore, peer: Peer) -> Answer {
+    let _place = match orders.try_acquire() {
+        Ok(place) => Some(place),
+        Err(_) if ask.command == Verb::Disable => None,
+        Err(_) => return Answer::refused(format!("{ORDERS} requests are being carried out; try again")),
+    };
+    carry_out(ask, service, peer).await
 }
 
 fn line(answer: &Answer) -> Vec<u8> {

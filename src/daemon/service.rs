@@ -17,7 +17,7 @@ use super::channels::{LastOffset, Report, Request, ServiceChannels};
 use super::clock::Clock;
 use super::counters::{Tally, unknown};
 use super::handshake;
-use super::health::health;
+use super::health::{health, mark_present};
 use super::http::{LatencyTotals, Snapshot};
 use super::latency::Histograms;
 use super::link_end::LinkEnd;
@@ -82,6 +82,8 @@ pub(super) struct Service {
     warnings: RateLimitedWarnings,
     recent: Recent,
     latency_totals: LatencyTotals,
+    /// What the control kept of axes that are not listed when the last link ended.
+    left_unlisted: Option<String>,
     benefit: Benefit,
     /// Numbers that sensors and thermal displacements have now.
     sensor_codes: BTreeSet<(String, String)>,
@@ -136,6 +138,7 @@ impl Service {
             warnings: RateLimitedWarnings::new(clock.now()),
             recent: Recent::new(clock.now())?,
             latency_totals: LatencyTotals::default(),
+            left_unlisted: None,
             benefit: Benefit::default(),
             sensor_codes: BTreeSet::new(),
         };
@@ -157,6 +160,17 @@ impl Service {
     /// The fault that is latched now, in a line.
     pub(super) fn latched(&self) -> Option<String> {
         self.status_collector.latched()
+    }
+
+    /// Why the fault that is latched now cannot be cleared yet.
+    pub(super) fn not_clearable(&self) -> String {
+        self.status_collector.not_clearable()
+    }
+
+    /// Position frames answered so far; `None` without a link.
+    pub(super) fn frames(&self) -> Option<u64> {
+        let progress = &self.channels.progress;
+        progress.state().map(|_| progress.cycles.load(Relaxed))
     }
 
     /// Whether shadow mode is on.
@@ -267,9 +281,11 @@ impl Service {
         for _ in 0..RECORDS_AT_ONCE {
             let Ok(record) = self.channels.records.try_recv() else { break };
             self.status_collector.record(&record);
-            self.recent.record(&record);
-            self.latency_totals.record(&record);
-            self.tally.record(&record);
+            if record.answered {
+                self.recent.record(&record);
+                self.latency_totals.record(&record);
+                self.tally.record(&record);
+            }
         }
         if self.clock.now().seconds_since(self.saved) >= SAVE_S {
             self.save();
@@ -341,6 +357,7 @@ impl Service {
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
         let now = self.clock.now();
         status.recent = self.recent.status(now);
+        mark_present(&mut status);
         status.events = self.recent.events(now);
         status.benefit = self.benefit.status();
         status.model_errors = model_errors(&self.models.active.spec);
@@ -449,6 +466,7 @@ impl Service {
                     self.recent.drop_out(now);
                     self.recent.count(now, end.fault(), 1, Some(end.to_string()));
                 }
+                self.left_unlisted = self.status_collector.left_unlisted();
                 self.status_collector.link_down(end.fault(), end.to_string());
             }
             Report::Engine(event) => {
@@ -468,7 +486,17 @@ impl Service {
                 self.recent.count(self.clock.now(), Code::SERVICE_SILENT, 1, None);
                 self.was_silent();
             }
-            Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
+            Report::Stopped { offset: LastOffset::AtRest } => match self.left_unlisted.take() {
+                None => info!("the offset is at its rest value"),
+                Some(left) => warn!(
+                    code = %Code::UNLISTED_OFFSET,
+                    "the offset of every axis of the machine file is at its rest value; the control keeps those of others: \
+                     {left}; list such an axis again with its limits to have it led to zero, or set it to zero at the control"
+                ),
+            },
+            Report::Stopped { offset: LastOffset::Released } => {
+                info!("a fault is latched, nothing was sent, and the control reports no offset");
+            }
             Report::Stopped { offset: LastOffset::NoLink } => {
                 info!("no link; a control that still holds an offset removes it by its own rule");
             }

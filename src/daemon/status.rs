@@ -76,6 +76,12 @@ pub struct Status {
     pub warning: Vec<String>,
     /// Axes outside the travel or a curve's range of the model.
     pub out_of_range: Vec<String>,
+    /// Axes whose offset has stayed away from the correction for longer than its limits explain.
+    #[serde(default)]
+    pub lagging: Vec<String>,
+    /// Axes that the machine file does not list and of which the control holds an offset.
+    #[serde(default)]
+    pub unlisted: Vec<String>,
     /// Control cycles from a position to the effect of its correction, measured from the read-back; `null` where it could
     /// not be told (a read-back coarser than what the offset changes in a cycle).
     #[serde(default)]
@@ -134,6 +140,9 @@ pub struct Status {
     /// Why the state was entered, where the engine has said so.
     #[serde(default)]
     pub state_reason: Option<StateReason>,
+    /// Why an enabled compensation waits or is held now; `null` while it follows the correction.
+    #[serde(default)]
+    pub waits_for: Option<StateReason>,
     /// Whether all is well, and what to do.
     #[serde(default)]
     pub health: Health,

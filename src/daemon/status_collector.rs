@@ -12,6 +12,7 @@ use super::clock::Clock;
 use super::handshake;
 use super::health::Health;
 use super::latency::{Histograms, Latency, Sample, percentile_us};
+use super::link_session::UNLISTED_MIN;
 use super::load::Loaded;
 use super::realtime::RealtimeReport;
 use super::recent::RecentStatus;
@@ -21,7 +22,7 @@ use super::status::{
 };
 use volcomp_config::AxisConfig;
 use volcomp_engine::fault::{self, Code, Entry};
-use volcomp_engine::{Detail, Event, Quantity, ShadowScore, State};
+use volcomp_engine::{Detail, Event, Quantity, Reason, ShadowScore, State};
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
@@ -128,13 +129,16 @@ impl StatusCollector {
         self.fault = Some(Latched { code, reason, text, detail, since: self.clock.now() });
     }
 
-    /// The newest cycle of the present link.
+    /// The newest answered cycle of the present link.
     pub(super) fn last(&self) -> Option<&CycleRecord> {
-        self.last.as_ref().filter(|_| self.up)
+        self.last.as_ref().filter(|last| self.up && last.answered)
     }
 
     pub(super) fn record(&mut self, record: &CycleRecord) {
         self.last = Some(*record);
+        if !record.answered {
+            return;
+        }
         self.latency.record(&Sample {
             age_ns: record.age_ns,
             turnaround_ns: record.turnaround_ns,
@@ -170,7 +174,7 @@ impl StatusCollector {
         let now = self.clock.now();
         let last = self.last.filter(|_| self.up);
         let axes = self.axes();
-        let asked = last.map(|r| axis_maps(&axes, |k| internal(axes[k], r.offset[k])));
+        let asked = last.filter(|r| r.answered).map(|r| axis_maps(&axes, |k| internal(axes[k], r.offset[k])));
         let applied = last.map(|r| axis_maps(&axes, |k| wire(axes[k], r.applied[k])));
         let position = last.map(|r| axis_maps(&axes, |k| r.position[k]));
         let (position_mm, position_deg) = position.unwrap_or_default();
@@ -209,6 +213,8 @@ impl StatusCollector {
             limited: letters(last.map_or(0, |r| r.limited)),
             warning: letters(last.map_or(0, |r| r.warning)),
             out_of_range: letters(last.map_or(0, |r| r.out_of_range)),
+            unlisted: self.unlisted().into_iter().map(letter).collect(),
+            lagging: letters(last.map_or(0, |r| r.lagging)),
             lag_cycles: last.and_then(|r| r.lag_cycles),
             machine_state: last.map_or_else(Vec::new, |r| machine_state(r.machine_state)),
             faults: self.faults(now),
@@ -234,13 +240,11 @@ impl StatusCollector {
             } else {
                 self.changed
             }),
-            state_reason: self.reason.filter(|_| self.up).map(|(entry, detail)| StateReason {
-                code: entry.code.to_string(),
-                name: entry.name.to_owned(),
-                text: entry.text.to_owned(),
-                remedy: entry.remedy.to_owned(),
-                numbers: self.numbers(detail.as_ref()),
-            }),
+            state_reason: self
+                .reason
+                .filter(|_| self.up)
+                .map(|(entry, detail)| StateReason::new(entry, self.numbers(detail.as_ref()))),
+            waits_for: self.waits_for(),
             health: Health::default(),
             recent: RecentStatus::default(),
             events: Vec::new(),
@@ -248,6 +252,16 @@ impl StatusCollector {
             model_errors: ModelErrors::default(),
             limits: self.limits(),
         }
+    }
+
+    /// Why an enabled compensation waits or is held; positions are waited for until the first frame of a link.
+    fn waits_for(&self) -> Option<StateReason> {
+        let waits = matches!(self.progress.state()?, State::Armed | State::Holding | State::RampingOut);
+        if !waits || !self.progress.wanted.load(Relaxed) {
+            return None;
+        }
+        let none_yet = self.last.is_none().then_some(Reason::Stale);
+        self.progress.waits_for().or(none_yet).map(|reason| StateReason::new(fault::of_reason(reason), None))
     }
 
     /// Shadow mode for the status.
@@ -334,6 +348,63 @@ impl StatusCollector {
         Some(format!("faulted: {} {}: {}{numbers}", fault.code, fault.reason, fault.text))
     }
 
+    /// Axes that the machine file does not list and of which the control holds an offset.
+    fn unlisted(&self) -> Vec<AxisName> {
+        let Some(last) = self.last.filter(|_| self.up) else { return Vec::new() };
+        let listed = |name: AxisName| self.loaded.config.axes.iter().any(|axis| axis.name == name);
+        let axes = self.axes().into_iter().enumerate();
+        axes.filter(|(k, name)| !listed(*name) && last.applied[*k].abs() > UNLISTED_MIN)
+            .map(|(_, name)| name)
+            .collect()
+    }
+
+    /// The offsets that the control keeps of axes that the machine file does not list, in words.
+    pub(super) fn left_unlisted(&self) -> Option<String> {
+        let last = self.last?;
+        let axes = self.axes();
+        let words = self.unlisted().into_iter().filter_map(|name| {
+            let k = axes.iter().position(|axis| *axis == name)?;
+            let detail = Detail {
+                axis: u8::try_from(k).ok(),
+                quantity: Quantity::Axis,
+                value: last.applied[k],
+                limit: f64::NAN,
+            };
+            self.numbers(Some(&detail))
+        });
+        let words: Vec<String> = words.collect();
+        (!words.is_empty()).then(|| words.join(", "))
+    }
+
+    /// Why a latched fault cannot be cleared yet: the link, or the first axis that still has an offset.
+    pub(super) fn not_clearable(&self) -> String {
+        let Some(last) = self.last.filter(|_| self.up) else {
+            let what = if self.up {
+                "no position frame has come on this link"
+            } else {
+                "there is no link to the control"
+            };
+            return what.to_owned();
+        };
+        let offset = |(k, name): (usize, &AxisName)| {
+            let listed = self.loaded.config.axes.iter().find(|axis| axis.name == *name)?;
+            let scale = if name.kind() == AxisKind::Rotary { rad_from_deg(1.0) } else { 1.0 };
+            let (value, limit) = if last.answered {
+                (last.offset[k] / scale, 0.0)
+            } else {
+                (last.applied[k], listed.read_back_tolerance / scale)
+            };
+            let detail = Detail { axis: u8::try_from(k).ok(), quantity: Quantity::Axis, value, limit };
+            let at_zero = value.abs() <= limit;
+            self.numbers(Some(&detail)).filter(|_| !at_zero)
+        };
+        match self.axes().iter().enumerate().find_map(offset) {
+            Some(numbers) if last.answered => format!("the offset is still led to zero, {numbers}"),
+            Some(numbers) => format!("the control reports an offset, {numbers}"),
+            None => "the offset has only just become zero".to_owned(),
+        }
+    }
+
     fn limits(&self) -> BTreeMap<String, AxisLimitStatus> {
         let limits = |axis: &AxisConfig| {
             let (unit, of): (_, fn(f64) -> f64) = match axis.name.kind() {
@@ -356,13 +427,26 @@ impl StatusCollector {
 
 type AxisMap = BTreeMap<String, f64>;
 
-/// Values of the linear axes and of the rotary ones.
+impl StateReason {
+    fn new(entry: &Entry, numbers: Option<String>) -> Self {
+        Self {
+            code: entry.code.to_string(),
+            name: entry.name.to_owned(),
+            text: entry.text.to_owned(),
+            remedy: entry.remedy.to_owned(),
+            numbers,
+        }
+    }
+}
+
+/// Values of the linear axes and of the rotary ones; JSON has no number for those that are not finite.
 fn axis_maps(axes: &[AxisName], value: impl Fn(usize) -> f64) -> (AxisMap, AxisMap) {
     let of = |kind: AxisKind| {
         axes.iter()
             .enumerate()
             .filter(|(_, a)| a.kind() == kind)
             .map(|(k, a)| (letter(*a), value(k)))
+            .filter(|(_, value)| value.is_finite())
             .collect()
     };
     (of(AxisKind::Linear), of(AxisKind::Rotary))

@@ -52,8 +52,8 @@ impl Worker {
         let offset = loop {
             match self.open() {
                 Ok(Some((link, hello))) => {
-                    if let Some(at_rest) = self.serve(link, &hello) {
-                        break if at_rest { LastOffset::AtRest } else { LastOffset::OnItsWay };
+                    if let Some(offset) = self.serve(link, &hello) {
+                        break offset;
                     }
                 }
                 Ok(None) => break LastOffset::NoLink,
@@ -94,8 +94,8 @@ impl Worker {
             // no close frame: the control may hold an offset that it has to take out by itself
             Ok(None) => Ok(None),
             Err(error) => {
-                if let Some(code) = error.code() {
-                    link.close(Some((code, "see the log of volcompd")), CloseReason::Error);
+                if let Some((code, detail)) = error.report() {
+                    link.close(Some((code, &detail)), CloseReason::Error);
                 }
                 Err(error)
             }
@@ -195,8 +195,8 @@ impl Worker {
             .map_err(|source| LinkError::Engine { address, source })
     }
 
-    /// One link from up to down; says whether the offset was at rest where the link ended by a stop.
-    fn serve(&mut self, mut link: Box<dyn ControlLink>, hello: &ControlHello) -> Option<bool> {
+    /// One link from up to down; says where the offset was where the link ended by a stop.
+    fn serve(&mut self, mut link: Box<dyn ControlLink>, hello: &ControlHello) -> Option<LastOffset> {
         let (_, session) = self.session.as_mut()?;
         let config = &self.loaded.config;
         self.control.channels.report(Report::LinkUp { address: config.link.address, hello: *hello });
@@ -215,10 +215,15 @@ impl Worker {
         if let Some((error, reason)) = end.close_frame() {
             link.close(error, reason);
         }
+        let released = cycle.session.is_released();
         cycle.control.link_down(self.clock.now(), cycle.session);
         self.control.channels.report(Report::LinkDown { end, cycles });
         if let LinkEnd::Stopped { at_rest } = end {
-            return Some(at_rest);
+            return Some(match (at_rest, released) {
+                (true, _) => LastOffset::AtRest,
+                (false, true) => LastOffset::Released,
+                (false, false) => LastOffset::OnItsWay,
+            });
         }
         if self.clock.now().seconds_since(up) >= PROVEN_S {
             self.backoff.reset();

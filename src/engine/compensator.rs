@@ -5,17 +5,19 @@
 //! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
 
 mod commands;
+mod decisions;
 mod offset_resync;
 
 use offset_resync::{GAP_CYCLES, Sending, is_immobile};
 
-use super::config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
+use super::config::{AxisLimits, EngineConfig, EngineError, RestOffset};
 use super::input_validation::InputValidation;
 use super::limiter::Limiter;
 use super::output::{CycleOutput, Detail, Event, Reason, State};
 use super::ramp::Ramp;
 use super::read_back::ReadBack;
 use super::setpoint::{CycleInput, Setpoint, SetpointGenerator};
+use super::shortfall::Shortfall;
 use volcomp_model::Model;
 use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
 use volcomp_model::geometry::Vec3;
@@ -63,6 +65,8 @@ pub struct Compensator {
     reported: Option<AxisArray>,
     /// Least and largest offset sent on this link, zero included, mm and rad: what the control may hold when the next one begins.
     reach: Option<[[f64; 2]; MAX_AXES]>,
+    /// The offset at which this link began, mm and rad.
+    found: AxisArray,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
     frozen: bool,
     /// Drives off or emergency stop: the control cannot move any offset.
@@ -77,6 +81,9 @@ pub struct Compensator {
     heard: Option<MonoTime>,
     /// The numbers behind what this cycle has found.
     detail: Option<Detail>,
+    /// What kept the newest frame, or its absence, from being compensated.
+    obstacle: Option<Reason>,
+    shortfall: Shortfall,
     last_sequence: u32,
     last_control_ns: i64,
     /// Control cycles from the frame before to this one.
@@ -145,6 +152,7 @@ impl Compensator {
             follows: 0,
             reported: None,
             reach: None,
+            found: [0.0; MAX_AXES],
             frozen: false,
             immobile: false,
             held_s: 0.0,
@@ -152,6 +160,8 @@ impl Compensator {
             commanded: false,
             heard: None,
             detail: None,
+            obstacle: None,
+            shortfall: Shortfall::new(config),
             last_sequence: 0,
             last_control_ns: 0,
             gap_cycles: 0,
@@ -217,6 +227,7 @@ impl Compensator {
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
             self.strays = self.strays.saturating_add(1);
+            self.obstacle = Some(Reason::Sequence);
             if !self.is_held(frame) {
                 return None;
             }
@@ -230,6 +241,7 @@ impl Compensator {
         let dt =
             verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
         let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
+        self.obstacle = (!told).then_some(Reason::NotFinite);
         let mut resynchronised = false;
         if told {
             resynchronised = self.resynchronise(frame, dt);
@@ -282,6 +294,7 @@ impl Compensator {
         if now < due {
             return None;
         }
+        self.obstacle = Some(Reason::Stale);
         if !self.may_send() {
             // what the control holds is not known, or a fault forbids it: nothing may be sent
             self.next_deadline = None;
@@ -322,6 +335,12 @@ impl Compensator {
         self.enabled
     }
 
+    /// Why an enabled compensation waits or is held: what is wrong with the machine, its positions or the model now.
+    #[must_use]
+    pub fn waits_for(&self) -> Option<Reason> {
+        self.obstacle.filter(|_| self.enabled && !self.follows_target())
+    }
+
     /// True once a [`super::output::Command::Stop`] has been carried out.
     #[must_use]
     pub const fn is_stopped(&self) -> bool {
@@ -359,139 +378,6 @@ impl Compensator {
     /// True while the offset follows the correction or goes to or from it.
     const fn is_moving(&self) -> bool {
         matches!(self.state, State::Active | State::FadingToStatic | State::RampingIn | State::RampingOut)
-    }
-
-    /// Which state this cycle belongs to.
-    fn decide(&mut self, machine: MachineState, bad: Option<Reason>, target: &Setpoint, dt: f64) {
-        self.frozen = !machine.is_ready();
-        if self.frozen {
-            self.wait_for_machine(machine);
-            return;
-        }
-        if let Some(reason) = bad {
-            self.hold_or_give_up(reason, dt);
-            return;
-        }
-        if matches!(self.state, State::Off | State::Armed) {
-            self.held_s = 0.0;
-        }
-        if target.beyond_stop != 0 && self.follows_target() {
-            self.enabled = false;
-            self.plan(State::Faulted, Reason::StopLimit);
-            return;
-        }
-        let outside = target.out_of_travel && self.config.out_of_travel == OutOfTravel::RampOut;
-        let wanted = self.enabled && !outside;
-        let reason = if outside { Reason::OutOfTravel } else { Reason::Command };
-        match self.state {
-            State::Faulted => {}
-            State::Off | State::Armed if wanted && self.input.is_settled() => {
-                self.plan(State::RampingIn, Reason::MachineReady);
-            }
-            State::Off | State::Armed
-                if !self.is_zero() && self.input.is_settled() && !self.keeps_offset() =>
-            {
-                self.plan(State::RampingOut, Reason::FoundOffset);
-            }
-            State::Off | State::Armed => self.rest(Reason::Command),
-            State::RampingIn if !wanted => self.leave(reason),
-            State::RampingIn if self.ramp.is_done() => self.enter(State::Active, Reason::RampDone),
-            State::RampingIn => {}
-            State::Active | State::FadingToStatic if !wanted => self.leave(reason),
-            State::Active if self.setpoints.live.is_fading() => {
-                self.enter(State::FadingToStatic, Reason::LiveLost);
-            }
-            State::FadingToStatic if !self.setpoints.live.is_fading() => {
-                self.enter(State::Active, Reason::RampDone)
-            }
-            State::Active | State::FadingToStatic => {}
-            State::Holding if self.keeps_offset() => self.rest(Reason::Command),
-            State::Holding if self.input.is_settled() => {
-                if wanted {
-                    self.plan(State::RampingIn, Reason::DataGood);
-                } else {
-                    self.leave(reason);
-                }
-            }
-            State::Holding => {}
-            State::RampingOut if wanted && self.input.is_settled() => {
-                let reason = if self.commanded { Reason::Command } else { Reason::DataGood };
-                self.plan(State::RampingIn, reason);
-            }
-            State::RampingOut => self.rest_where_done(),
-        }
-    }
-
-    /// Ramps out, or keeps the offset where the stop is configured so.
-    fn leave(&mut self, reason: Reason) {
-        if self.keeps_offset() {
-            self.plan(State::Holding, reason);
-        } else {
-            self.plan(State::RampingOut, reason);
-        }
-    }
-
-    /// Nothing to do: off or armed.
-    fn rest(&mut self, reason: Reason) {
-        self.enter(if self.enabled { State::Armed } else { State::Off }, reason);
-    }
-
-    /// A stop has been carried out where nothing moves any more and the offset is the one that is to stay.
-    fn note_stop(&mut self) {
-        self.stopped |= self.stopping && self.is_at_rest() && (self.is_zero() || self.keeps_offset());
-    }
-
-    /// Drives off or emergency stop: the offset stays where it is, for moving it would move nothing, or jump later.
-    fn wait_for_machine(&mut self, machine: MachineState) {
-        let reason = if machine.has(MachineState::ESTOP) {
-            Reason::EmergencyStop
-        } else if !machine.has(MachineState::ENABLED) {
-            Reason::NotEnabled
-        } else {
-            Reason::NotHomed
-        };
-        self.input.unsettle();
-        self.held_s = 0.0;
-        self.stopped |= self.stopping;
-        if self.is_moving() {
-            self.plan(State::Holding, reason);
-        }
-    }
-
-    /// Stale or implausible data: hold, and when that lasts, ramp out.
-    fn hold_or_give_up(&mut self, reason: Reason, dt: f64) {
-        match self.state {
-            State::RampingIn | State::Active | State::FadingToStatic => self.plan(State::Holding, reason),
-            State::Holding => {
-                self.held_s += dt;
-                if (self.held_s >= self.config.hold_s || self.stopping) && !self.frozen {
-                    self.leave(reason);
-                    self.lost = true;
-                }
-            }
-            State::RampingOut => self.rest_where_done(),
-            // an offset that somebody else has left
-            State::Off | State::Armed if !self.is_zero() && !self.keeps_offset() && !self.frozen => {
-                self.held_s += dt;
-                if self.held_s >= self.config.hold_s || self.stopping {
-                    self.plan(State::RampingOut, reason);
-                }
-            }
-            State::Off | State::Armed | State::Faulted => {}
-        }
-    }
-
-    /// The end of a way to zero: at rest, or latched where lost positions were the cause of it.
-    fn rest_where_done(&mut self) {
-        if !(self.ramp.is_done() && self.is_zero()) {
-            return;
-        }
-        if self.lost && self.enabled && !self.stopping && self.config.after_loss == AfterLoss::Latch {
-            self.enabled = false;
-            self.plan(State::Faulted, Reason::DataLost);
-        } else {
-            self.rest(Reason::RampDone);
-        }
     }
 
     /// True where a stop leaves the last offset in place.
@@ -591,8 +477,10 @@ impl Compensator {
             limited |= u8::from(held_back && dt > 0.0) << k;
             warning |= u8::from(limiter.is_warning()) << k;
         }
-        limited |= at_soft_limit | crowded;
+        let following = self.follows_target();
         let offset = self.offset();
+        let lagging = self.shortfall.look(&plan.target.offset, &offset, following, plan.elapsed_s);
+        limited |= at_soft_limit | crowded;
         if dt > 0.0 {
             self.read_back.sent(&offset);
         }
@@ -608,6 +496,8 @@ impl Compensator {
             warning,
             out_of_order: false,
             out_of_range: plan.target.out_of_range,
+            out_of_travel: if following { plan.target.out_of_travel } else { 0 },
+            lagging,
             faded: plan.target.faded,
             wanted: plan.target.offset,
             lag_cycles: self.setpoints.lag.measured(),

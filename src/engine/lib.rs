@@ -18,6 +18,7 @@ mod ramp;
 mod read_back;
 mod setpoint;
 mod shadow;
+mod shortfall;
 #[cfg(test)]
 mod tests;
 pub mod transitions;

@@ -197,6 +197,10 @@ pub struct CycleOutput {
     pub out_of_order: bool,
     /// Bit k: axis k is outside the travel or a curve's range of the model.
     pub out_of_range: u8,
+    /// Bit k: axis k is outside the travel of the model, and the offset follows the correction all the same.
+    pub out_of_travel: u8,
+    /// Bit k: the offset of axis k has stayed away from the correction for longer than its limits explain.
+    pub lagging: u8,
     /// Bit k: harmonics of axis k have faded, for at this feed they could not be placed right.
     pub faded: u8,
     /// Correction asked for by the model, times the gain, before ramps and limits; mm or rad.

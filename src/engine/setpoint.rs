@@ -30,8 +30,8 @@ pub(super) struct Setpoint {
     pub(super) out_of_range: u8,
     /// Bit k: harmonics of axis k have faded at this feed.
     pub(super) faded: u8,
-    /// An axis is outside the travel of the model.
-    pub(super) out_of_travel: bool,
+    /// Bit k: axis k is outside the travel of the model.
+    pub(super) out_of_travel: u8,
     /// Bit k: the correction of axis k is beyond its stop limit.
     pub(super) beyond_stop: u8,
     /// False where the model gave something that is not a number.
@@ -51,7 +51,7 @@ impl Setpoint {
         at_soft_limit: 0,
         out_of_range: 0,
         faded: 0,
-        out_of_travel: false,
+        out_of_travel: 0,
         beyond_stop: 0,
         finite: true,
         room: [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES],
@@ -174,12 +174,13 @@ impl SetpointGenerator {
         let (deviation, correction) = model.correct(&pose);
         let flags = deviation.flags;
         let outside = flags.out_of_travel | flags.out_of_range;
-        let mut target = Setpoint { out_of_travel: flags.out_of_travel != 0, ..Setpoint::NONE };
+        let mut target = Setpoint::NONE;
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
             if wire < MAX_AXES {
                 let wanted = gain * correction.offset[k];
                 target.offset[wire] = wanted;
                 target.out_of_range |= u8::from(outside >> k & 1 == 1) << wire;
+                target.out_of_travel |= u8::from(flags.out_of_travel >> k & 1 == 1) << wire;
                 target.faded |= u8::from(flags.faded >> k & 1 == 1) << wire;
                 let limits = &config.limits[wire];
                 let beyond = limits.size > 0.0 && wanted.abs() > limits.stop;

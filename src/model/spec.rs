@@ -362,7 +362,7 @@ pub enum ModelError {
         symbol: ErrorSymbol,
     },
     /// Larger than any machine angle error.
-    #[error("{symbol} reaches {value_arcsec:.0} arcsec; the limit is 2063 arcsec (10 mrad): {}", angle_unit_hint(*value_arcsec))]
+    #[error("{symbol} reaches {} arcsec; the limit is 2063 arcsec (10 mrad): {}", whole(*value_arcsec), angle_unit_hint(*value_arcsec))]
     AngleTooLarge {
         /// The error.
         symbol: ErrorSymbol,
@@ -370,13 +370,18 @@ pub enum ModelError {
         value_arcsec: f64,
     },
     /// Larger than any machine length error.
-    #[error("{symbol} reaches {value_um:.0} um; the limit is 5000 um (5 mm): {}", length_unit_hint(*value_um))]
+    #[error("{symbol} reaches {} um; the limit is 5000 um (5 mm): {}", whole(*value_um), length_unit_hint(*value_um))]
     LengthTooLarge {
         /// The error.
         symbol: ErrorSymbol,
         /// Its size, um.
         value_um: f64,
     },
+}
+
+/// A number without decimals, with an exponent where it would have many digits.
+fn whole(v: f64) -> String {
+    if v.abs() < 1e9 { format!("{v:.0}") } else { format!("{v:.3e}") }
 }
 
 /// Names a unit in which the number would be a possible error.

@@ -52,10 +52,33 @@ fn one_message_in_full() {
 }
 
 #[test]
+fn long_numbers_have_an_exponent() {
+    let text = format!("{MODEL}[errors.exx.constant]\nvalue-um = 1e300\n");
+    let shown = model::parse("model.toml", &text).expect_err("too large").to_string();
+    assert!(shown.contains("EXX reaches 1.000e300 um") && !shown.contains("00000"), "{shown}");
+    machine_shows("format = \"volcomp-machine/1\"\n[engine]\nramp-s = 1e300\n", &["ramp-s is 1e300 s"]);
+}
+
+#[test]
 fn syntax() {
     model_shows("machine = \"m", &["not TOML", "model.toml:1:", "= help: write key = value"]);
-    model_shows("a = 1\na = 2\n", &["not TOML: duplicate key", "model.toml:2:1"]);
+    model_shows(
+        "a = 1\na = 2\n",
+        &["not TOML: duplicate key a, it stands in line 1", "model.toml:2:1", "take one"],
+    );
     machine_shows("[link\naddress = 1\n", &["not TOML", "machine.toml:1:"]);
+    let twice = "[axes.x]\nlimit-um = 5\n[engine]\nramp-s = 1\n[axes.x] # again\nrate-um-per-s = 1\n";
+    machine_shows(
+        twice,
+        &["duplicate table [axes.x], it stands in line 1", "machine.toml:5:", "below one of them"],
+    );
+    let twice = "[engine]\nramp-s = 1\n[axes.x]\nramp-s = 1\nlimit-um = 5\nlimit-um = 6\n";
+    machine_shows(twice, &["duplicate key limit-um, it stands in line 5", "machine.toml:6:1"]);
+    machine_shows(
+        "[engine]\nramp-s = 2,5 # s\n",
+        &["ramp-s has a decimal comma", "machine.toml:2:", "write ramp-s = 2.5"],
+    );
+    machine_shows("[engine]\nhold-s = -0,25\n", &["write hold-s = -0.25"]);
     // every mistake in the syntax, not only the first
     model_shows("a = \nb = \n", &["model.toml:1:", "model.toml:2:", "2 mistakes"]);
 }

@@ -219,6 +219,7 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("diff", "first", "diff {} {model}"),
     ("diff", "second", "diff {model} {}"),
     ("status", "config", "status --config {}"),
+    ("watch", "config", "watch --config {}"),
     ("enable", "config", "enable --config {}"),
     ("disable", "config", "disable --config {}"),
     ("gain", "config", "gain 0.5 --config {}"),

@@ -8,6 +8,7 @@ mod http;
 mod link;
 mod models;
 mod page;
+mod page_banner;
 mod recording;
 mod replay_damage;
 mod retained_state;

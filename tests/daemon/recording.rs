@@ -56,7 +56,7 @@ fn work(session: &mut Session, cycles: u32) {
         session.program += 1;
         let k = session.program;
         session.commanded[0] = 50.0 * (f64::from(k) * 5e-3).sin();
-        session.commanded[1] = f64::from(k % 64) * 0.125;
+        session.commanded[1] = f64::from(32 - (k % 64).abs_diff(32)) * 0.125;
         let _ = session.cycle();
     }
 }

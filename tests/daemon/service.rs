@@ -6,8 +6,8 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::Path;
-use std::process::{Command, Output};
-use std::time::Instant;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use crate::support::{Daemon, EXX_MM, PATIENCE, Port, Setup, eventually, hello, is_answer};
 use rustix::process::Signal;
@@ -148,6 +148,114 @@ fn a_foreign_offset_is_a_fault_that_has_to_be_acknowledged() {
     refused_as_faulted(&daemon);
     assert_eq!(text(&daemon.volcomp(&["enable", "--clear-fault"]).stdout).trim(), "armed");
     assert_eq!(daemon.status()["faults"], serde_json::json!([]));
+}
+
+#[test]
+fn a_fault_that_comes_back_at_once_is_a_refusal_that_names_it() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.deceive(0.05);
+    let mut session = port.link();
+    session.run_unanswered(50);
+    let command =
+        daemon.command(&["enable", "--clear-fault"]).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn();
+    let command = command.expect("volcomp runs");
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // at zero, so that the fault can be cleared; another offset as soon as one is sent again
+            let mut lies = false;
+            loop {
+                let mut position = session.position();
+                position.applied[0] = if lies { 0.05 } else { 0.0 };
+                session.send(&Message::Position(position));
+                std::thread::sleep(Duration::from_millis(1));
+                match session.poll() {
+                    Some(Message::Correction(_)) => lies = true,
+                    Some(Message::Close(_)) => return,
+                    _ => {}
+                }
+            }
+        });
+    });
+    let output = command.wait_with_output().expect("ends");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(65), "{said}");
+    assert!(said.contains("at once: faulted: VC-4001"), "{said}");
+}
+
+#[test]
+fn an_axis_that_is_not_listed_keeps_its_offset_and_that_is_told() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), Setup::default());
+    let mut larger = hello();
+    larger.axes[3] = Axis { name: AxisName::U, unit: AxisUnit::Millimetre };
+    larger.axis_count = 4;
+    let mut session = port.accept();
+    session.handshake(&larger);
+    // left from a time when the machine file had [axes.u]
+    session.applied[3] = 0.05;
+    let mut seen = serde_json::Value::Null;
+    let told = eventually(|| {
+        let _ = session.cycle();
+        seen = daemon.status();
+        seen["unlisted"] == serde_json::json!(["u"])
+            && seen["recent"]["warnings"]
+                .as_array()
+                .is_some_and(|all| all.iter().any(|w| w["code"] == "VC-4010"))
+    });
+    assert!(told, "{seen}");
+    let shown = text(&daemon.volcomp(&["status"]).stdout);
+    assert!(
+        shown.lines().any(|l| l.contains("+50.000 um") && l.contains("NOT IN THE MACHINE FILE")),
+        "{shown}"
+    );
+    daemon.signal(Signal::TERM);
+    while let Message::Correction(_) = session.try_cycle() {}
+    let _ = daemon.wait();
+    let log = daemon.log();
+    assert!(log.contains("the control keeps those of others: u: 50.0000 um"), "{log}");
+    assert!(!log.contains("INFO the offset is at its rest value"), "{log}");
+}
+
+#[test]
+fn a_stop_with_a_fault_at_zero_does_not_warn() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.deceive(0.05);
+    let mut session = port.link();
+    session.run_unanswered(50);
+    daemon.signal(Signal::TERM);
+    let _ = daemon.wait();
+    let log = daemon.log();
+    assert!(log.contains("nothing was sent, and the control reports no offset"), "{log}");
+    assert!(!log.contains("stopped before the offset was at its rest value"), "{log}");
+}
+
+#[test]
+fn half_open_clients_do_not_shut_out_an_operator() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    let held: Vec<UnixStream> = (0..16)
+        .map(|k| {
+            let mut client = UnixStream::connect(daemon.socket()).expect("connects");
+            // every second one has begun a request
+            if k % 2 == 0 {
+                client.write_all(b"{\"command\":").expect("sent");
+            }
+            client
+        })
+        .collect();
+    let answer = daemon.volcomp(&["disable"]);
+    assert!(answer.status.success(), "{}", text(&answer.stderr));
+    let answer = daemon.volcomp(&["status", "--json"]);
+    assert!(is_answer(&answer), "{}", text(&answer.stderr));
+    drop(held);
 }
 
 /// Enabling says which fault is latched, and how to go on.

@@ -133,12 +133,135 @@ fn an_emergency_stop_names_itself() {
 }
 
 #[test]
+fn an_enabled_compensation_that_waits_says_for_what() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    for (state, code) in [
+        (MachineState::ENABLED, "VC-2001"),
+        (MachineState::HOMED, "VC-2002"),
+        (MachineState::HOMED | MachineState::ENABLED | MachineState::ESTOP, "VC-2003"),
+    ] {
+        session.state = state;
+        let mut seen = (0, Value::Null);
+        let told = eventually(|| {
+            let _ = session.cycle();
+            seen = status(&daemon);
+            seen.1["health"]["code"] == code
+        });
+        assert!(told, "{seen:?}");
+        let (exit_code, object) = seen;
+        assert_eq!(exit_code, 2, "{object}");
+        assert_eq!((&object["state"], &object["health"]["verdict"]), (&"armed".into(), &"held".into()));
+        assert_eq!(object["waits_for"]["code"], code, "{object}");
+    }
+    let (_, text) = shown(&daemon);
+    assert!(
+        text.contains("VC-2003: compensation waits: emergency stop") && text.contains("remedy"),
+        "{text}"
+    );
+    session.state = MachineState::HOMED | MachineState::ENABLED;
+    session.run_until_corrected();
+    let goes_on = eventually(|| {
+        let _ = session.cycle();
+        let object = status(&daemon).1;
+        object["waits_for"].is_null() && object["health"]["verdict"] != "held"
+    });
+    assert!(goes_on, "{}", status(&daemon).1);
+}
+
+#[test]
+fn what_limits_the_correction_is_a_warning_while_it_lasts() {
+    const TRAVEL: &str = "format = \"volcomp-model/1\"\nmachine = \"test-mill\"\nchain = \"[w X' b Y Z t]\"\n\
+        [axes.x]\ntravel-mm = [10, 500]\n[errors.exx.constant]\nvalue-um = 10.0\n";
+    let port = Port::open();
+    let setup = Setup { model: TRAVEL.to_owned(), ..Setup::default() };
+    let daemon = Daemon::start(&port.address(), setup);
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.state |= MachineState::OFFSET_LIMITED;
+    let present = |status: &Value, code: &str, wanted: bool| {
+        let warnings = status["recent"]["warnings"].as_array();
+        warnings.is_some_and(|all| all.iter().any(|w| w["code"] == code && w["present"] == wanted))
+    };
+    let mut seen = (0, Value::Null);
+    let both = |seen: &Value, wanted| ["VC-3007", "VC-4008"].iter().all(|code| present(seen, code, wanted));
+    let told = eventually(|| {
+        let _ = session.cycle();
+        seen = status(&daemon);
+        both(&seen.1, true)
+    });
+    assert!(
+        told && seen.0 == 1,
+        "outside the travel with out-of-travel = \"hold\", and limited by the control: {seen:?}"
+    );
+    session.state = MachineState::HOMED | MachineState::ENABLED;
+    for _ in 0..20 {
+        session.commanded[0] += 1.0;
+        let _ = session.cycle();
+    }
+    let over = eventually(|| {
+        let _ = session.cycle();
+        seen = status(&daemon);
+        both(&seen.1, false)
+    });
+    assert!(over, "{seen:?}");
+    let (_, text) = shown(&daemon);
+    assert!(text.lines().any(|line| line.contains("VC-3007") && line.contains("ago, over:")), "{text}");
+}
+
+#[test]
+fn a_latched_fault_shows_what_the_control_holds_and_what_keeps_it_from_being_cleared() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.deceive(0.05);
+    let mut session = port.link();
+    session.applied[0] = 0.05;
+    session.run_unanswered(20);
+    let mut seen = Value::Null;
+    let told = eventually(|| {
+        session.run_unanswered(1);
+        (_, seen) = status(&daemon);
+        seen["applied_um"]["x"].as_f64().is_some_and(|um| (um - 50.0).abs() < 1e-9)
+    });
+    assert!(told, "{seen}");
+    assert_eq!(seen["machine_state"], serde_json::json!(["homed", "enabled"]), "{seen}");
+    assert_eq!(seen["correction_um"], serde_json::json!({}), "nothing is sent: {seen}");
+    let (_, text) = shown(&daemon);
+    assert!(text.contains("nothing is sent   applied    +50.000 um"), "{text}");
+    let refused = daemon.volcomp(&["enable", "--clear-fault"]);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(65), "{said}");
+    assert!(said.contains("the control reports an offset, x: 50.0000 um, limit 0.5000 um"), "{said}");
+}
+
+#[test]
+fn numbers_that_are_not_finite_do_not_break_the_status() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.commanded[1] = f64::NAN;
+    let mut seen = (0, Value::Null);
+    let told = eventually(|| {
+        let _ = session.cycle();
+        seen = status(&daemon);
+        seen.1["waits_for"]["code"] == "VC-3002"
+    });
+    assert!(told, "{seen:?}");
+    let (code, text) = shown(&daemon);
+    assert!(matches!(code, 2 | 4) && text.contains("VC-3002"), "{text}");
+}
+
+#[test]
 fn watch_goes_on_over_a_restart_of_the_daemon() {
     let port = Port::open();
     let mut daemon = Daemon::start(&port.address(), Setup::default());
     let _ = daemon.status();
     let mut watch = daemon
-        .command(&["status", "--watch"])
+        .command(&["watch"])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()

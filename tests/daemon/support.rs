@@ -428,13 +428,22 @@ impl Session {
             self.send(&Message::Position(position));
             std::thread::sleep(Duration::from_millis(1));
         }
-        self.stream.set_nonblocking(true).expect("option");
-        let count = self.stream.read(self.reader.space()).map_or(0, |count| count);
-        self.reader.advance(count);
-        self.stream.set_nonblocking(false).expect("option");
-        while let Some(message) = self.reader.next().expect("frames") {
+        while let Some(message) = self.poll() {
             assert!(matches!(message, Message::Heartbeat(_)), "{message:?}");
         }
+    }
+
+    /// The next message that is there already.
+    #[allow(dead_code, reason = "each test program uses a part of this module")]
+    pub(crate) fn poll(&mut self) -> Option<Message> {
+        if let Some(message) = self.reader.next().expect("frames") {
+            return Some(message);
+        }
+        self.stream.set_nonblocking(true).expect("option");
+        let count = self.stream.read(self.reader.space()).map_or(0, |count| count);
+        self.stream.set_nonblocking(false).expect("option");
+        self.reader.advance(count);
+        self.reader.next().expect("frames")
     }
 
     pub(crate) fn close(mut self) {

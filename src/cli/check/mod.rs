@@ -1,5 +1,6 @@
 //! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
+mod settings;
 mod text_report;
 
 use std::io::IsTerminal as _;
@@ -8,6 +9,7 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
+use self::settings::{Setting, settings};
 pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{Size, kinds_of};
 use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json};
@@ -77,6 +79,7 @@ enum Found {
     /// With the model that it names, additions in it, and what became of each effect of those.
     Machine {
         machine: Box<MachineConfig>,
+        settings: Vec<Setting>,
         model: Option<Box<ModelFile>>,
         fates: Vec<(String, Fate)>,
     },
@@ -176,7 +179,8 @@ fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
         }
         Err(problem) => (None, Vec::new(), Some(problem)),
     };
-    Ok((Found::Machine { machine, model, fates }, problem))
+    let settings = settings(&text, &machine);
+    Ok((Found::Machine { machine, settings, model, fates }, problem))
 }
 
 /// The model that a machine file names, with its additions, checked against it.
@@ -259,8 +263,9 @@ impl Found {
         let mut lines = vec![format!("{file}: ok")];
         match self {
             Self::Model(model) => describe_model(&mut lines, model, details),
-            Self::Machine { machine, model, fates } => {
+            Self::Machine { machine, settings, model, fates } => {
                 describe_machine(&mut lines, machine);
+                lines.extend(settings::lines(settings));
                 if let Some(model) = model {
                     lines.extend(machine_notes(machine, model).into_iter().map(|n| format!("  note: {n}")));
                     lines.push(format!("  model {}", machine.model.display()));
@@ -280,7 +285,7 @@ impl Found {
                 out["notes"] = json!(model_notes(model));
                 out
             }
-            Self::Machine { machine, model, fates } => json!({
+            Self::Machine { machine, settings, model, fates } => json!({
                 "format": config::machine::FORMAT,
                 "machine": machine.machine,
                 "address": machine.link.address.to_string(),
@@ -291,6 +296,7 @@ impl Found {
                     format!("limit_{}", offset_unit(a.name)): offset_out(a.name, a.limits.size),
                     format!("warning_{}", offset_unit(a.name)): offset_out(a.name, a.limits.warning),
                 })).collect::<Vec<_>>(),
+                "settings": settings.iter().map(Setting::as_json).collect::<Vec<_>>(),
                 "model_file": machine.model.display().to_string(),
                 "additions": fates.iter().map(|(effect, fate)| json!({
                     "effect": effect, "taken": fate.is_taken(), "fate": fate.to_string(),
@@ -329,12 +335,15 @@ mod tests {
     fn a_machine_file_is_read_with_its_model() {
         let dir = tempfile::tempdir().unwrap();
         write(dir.path(), "model.toml", MODEL);
-        let outcome = Outcome::of(&write(dir.path(), "machine.toml", &machine("m", "model.toml")));
+        let text = format!("{}[engine]\nramp-s = 3\n", machine("m", "model.toml"));
+        let outcome = Outcome::of(&write(dir.path(), "machine.toml", &text));
         assert!(outcome.problem.is_none());
         let text = outcome.found.unwrap().as_text("machine.toml", false);
         for part in [
             "machine.toml: ok",
             "axis X: offset up to 50 µm, warning at 40 µm",
+            "[engine] start on-command (default), ramp-s 3 s (stated), stale-ms 20 ms (default), hold-s 0.2 s (default)",
+            "[axes.x] step-um 0.2 µm (default), stop-um 150 µm (default), jump-mm 2 mm = 120 m/min (default)",
             "chain [w b X Y t]",
             "exx  table  0 to 400 mm    0.00    80.00  80.00  µm",
             "note: axis Y is in the chain but has no [axes.y]: it is never offset",

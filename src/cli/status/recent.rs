@@ -72,8 +72,9 @@ pub(super) fn write_warnings(f: &mut String, status: &Status, paint: Paint) -> s
     for warning in &status.recent.warnings {
         let label =
             if warning.severity == "fault" { paint.red("faulted ") } else { paint.yellow("warning ") };
-        let CodeCount { code, name, count, text, age_s, .. } = warning;
-        writeln!(f, "{label}    {code} {name} x {count}, {} ago: {text}", duration(*age_s))?;
+        let CodeCount { code, name, count, text, age_s, present, .. } = warning;
+        let over = if *present { "" } else { ", over" };
+        writeln!(f, "{label}    {code} {name} x {count}, {} ago{over}: {text}", duration(*age_s))?;
     }
     if status.recent.warnings.is_empty() {
         writeln!(f, "warnings    none in the last minute")?;

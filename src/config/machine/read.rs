@@ -263,6 +263,8 @@ struct AxisKeys {
     rate: &'static str,
     acceleration: &'static str,
     jump: &'static str,
+    /// Fastest motion, and its default, per minute.
+    feed: (&'static str, f64),
     deadband: &'static str,
     tolerance: &'static str,
     /// Units of offset and position.
@@ -282,6 +284,7 @@ static LINEAR: AxisKeys = AxisKeys {
     rate: "rate-um-per-s",
     acceleration: "acceleration-um-per-s2",
     jump: "jump-mm",
+    feed: ("feed-max-mm-per-min", 60_000.0),
     deadband: "reversal-deadband-um",
     tolerance: "read-back-tolerance-um",
     units: ["um", "mm"],
@@ -299,6 +302,7 @@ static ROTARY: AxisKeys = AxisKeys {
     rate: "rate-arcsec-per-s",
     acceleration: "acceleration-arcsec-per-s2",
     jump: "jump-deg",
+    feed: ("feed-max-deg-per-min", 36_000.0),
     deadband: "reversal-deadband-arcsec",
     tolerance: "read-back-tolerance-arcsec",
     units: ["arcsec", "deg"],
@@ -311,8 +315,10 @@ static ROTARY: AxisKeys = AxisKeys {
 const DEFAULT_WARNING: f64 = 0.8;
 /// Correction at which something must be wrong where no stop limit is configured, in limits.
 const DEFAULT_STOP: f64 = 3.0;
-/// Default of the largest plausible change of position per cycle, mm or deg.
-const DEFAULT_JUMP: f64 = 10.0;
+/// Default of the largest plausible change of position per cycle: so many cycles at the fastest motion, because a control
+/// may report a position late.
+const DEFAULT_JUMP_CYCLES: f64 = 2.0;
+const SECONDS_PER_MINUTE: f64 = 60.0;
 /// Default of the travel after which a reversal counts, um or arcsec.
 const DEFAULT_DEADBAND: f64 = 1.0;
 /// Default of the step limit: so many cycles at the full rate.
@@ -368,7 +374,9 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
     let two_cycles = rate.map_or(f64::INFINITY, |rate| DEFAULT_STEP_CYCLES * rate * cycle_s);
     let step = or(section, keys.step, Allowed::Positive { high: keys.highest }, two_cycles);
     let soft = read_soft_limits(section, keys);
-    let jump = or(section, keys.jump, Allowed::Positive { high: 1000.0 }, DEFAULT_JUMP);
+    let feed = or(section, keys.feed.0, Allowed::Positive { high: 1e7 }, keys.feed.1);
+    let two_cycles = DEFAULT_JUMP_CYCLES * feed / SECONDS_PER_MINUTE * cycle_s;
+    let jump = or(section, keys.jump, Allowed::Positive { high: 1000.0 }, two_cycles);
     let deadband = or(section, keys.deadband, within(0.0, 1000.0), DEFAULT_DEADBAND);
     let tolerance = or(section, keys.tolerance, Allowed::Positive { high: 1000.0 }, DEFAULT_TOLERANCE);
     section.finish();

@@ -28,6 +28,9 @@ fn hello(names: &[AxisName]) -> ControlHello {
     }
 }
 
+/// Two cycles of 1 ms at 60 m/min.
+const JUMP_MM: f64 = 2.0;
+
 fn close(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-12 * b.abs()
 }
@@ -39,12 +42,31 @@ fn values_arrive_in_mm_rad_and_s() {
     let x = c.axes.iter().find(|a| a.name == AxisName::X).unwrap();
     assert!(close(x.limits.size, 0.05) && close(x.limits.warning, 0.04) && close(x.limits.rate, 0.1));
     assert!(
-        close(x.jump_limit, 10.0) && close(x.reversal_deadband, 1e-3) && close(x.read_back_tolerance, 2e-3)
+        close(x.jump_limit, JUMP_MM)
+            && close(x.reversal_deadband, 1e-3)
+            && close(x.read_back_tolerance, 2e-3)
     );
     let c_axis = c.axes.iter().find(|a| a.name == AxisName::C).unwrap();
     assert!(close(c_axis.limits.size, 20.0 * arcsec) && close(c_axis.limits.warning, 5.0 * arcsec));
     assert!(close(c_axis.limits.acceleration, 100.0 * arcsec) && close(c_axis.jump_limit, 2f64.to_radians()));
     assert!(close(c.link.cycle_s, 1e-3) && close(c.engine.stale_s, 0.02));
+}
+
+#[test]
+fn the_jump_limit_follows_cycle_and_fastest_motion_where_it_is_not_stated() {
+    let jumps = |more: &str| -> Vec<f64> {
+        let axes = MachineConfig::parse("m.toml", &format!("{TEXT}{more}")).unwrap().axes;
+        axes.iter().map(|axis| axis.jump_limit).collect()
+    };
+    let stated = 2f64.to_radians();
+    assert!(close(jumps("")[0], JUMP_MM) && close(jumps("")[1], stated));
+    let slow = jumps("[link]\ncycle-ms = 8\n");
+    assert!(close(slow[0], 16.0) && close(slow[1], stated), "{slow:?}");
+    let text = TEXT.replace("jump-deg = 2\n", "feed-max-deg-per-min = 6000\n");
+    let axes = MachineConfig::parse("m.toml", &text).unwrap().axes;
+    assert!(close(axes[1].jump_limit, 0.2f64.to_radians()), "{}", axes[1].jump_limit);
+    let text = TEXT.replace("limit-um = 50", "limit-um = 50\nfeed-max-mm-per-min = 120000");
+    assert!(close(MachineConfig::parse("m.toml", &text).unwrap().axes[0].jump_limit, 4.0));
 }
 
 #[test]
@@ -54,7 +76,7 @@ fn settings_follow_the_order_of_the_control() {
     assert_eq!(engine.axes, [C, Y, X]);
     assert!(close(engine.limits[2].size, 0.05));
     assert!(engine.limits[0].size < 1e-3 && engine.limits[0].size > 0.0);
-    assert!(close(engine.jump_limit[2], 10.0));
+    assert!(close(engine.jump_limit[2], JUMP_MM));
 }
 
 #[test]

@@ -8,7 +8,7 @@
 
 use super::{Compensator, Detail, Event, Position, Reason, State};
 use crate::config::{FOUND_FACTOR, UNLISTED_MAX_DEG, UNLISTED_MAX_MM};
-use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp_model::axes::{AxisArray, AxisKind};
 use volcomp_model::units::{NS_PER_S, RAD_PER_DEG};
 use volcomp_protocol::MachineState;
 
@@ -103,7 +103,7 @@ impl Compensator {
             applied[k].clamp(-most, most)
         });
         if self.sending == Sending::NotYet {
-            self.reach = None;
+            self.begin_reach(&held);
         }
         if self.sending == Sending::NotYet || within_a_step {
             self.start_at(&held);
@@ -176,12 +176,26 @@ impl Compensator {
         }
     }
 
-    /// Extends the range of the offsets of this link, zero included, by the present one.
+    /// The range of the offsets of a link that begins at `found`. What lies outside the range of the link before is the tolerance
+    /// of its read-back: taken over, it would grow by as much with every link.
+    fn begin_reach(&mut self, found: &AxisArray) {
+        let before = self.reach;
+        self.reach = Some(core::array::from_fn(|k| {
+            let [low, high] = before.map_or([found[k]; 2], |reach| reach[k]);
+            let at = found[k].max(low).min(high);
+            [at.min(0.0), at.max(0.0)]
+        }));
+        self.found = *found;
+    }
+
+    /// Extends the range of the offsets of this link by the present one, where it is not the one that was found.
     pub(super) fn note_reach(&mut self) {
         let offset = self.offset();
-        let reach = self.reach.get_or_insert([[0.0; 2]; MAX_AXES]);
-        for ([low, high], at) in reach.iter_mut().zip(offset) {
-            (*low, *high) = (low.min(at), high.max(at));
+        let Some(reach) = &mut self.reach else { return };
+        for (k, [low, high]) in reach.iter_mut().enumerate() {
+            if offset[k] != self.found[k] {
+                (*low, *high) = (low.min(offset[k]), high.max(offset[k]));
+            }
         }
     }
 
@@ -261,12 +275,15 @@ impl Compensator {
     /// A silenced fault may be cleared once the control reports on this link that it holds nothing; any other one once the offset
     /// is back at zero.
     pub(super) fn may_clear(&self) -> bool {
-        if !self.silenced {
-            return self.is_zero();
-        }
-        let limits = &self.config;
+        if self.silenced { self.reports_zero() } else { self.is_zero() }
+    }
+
+    /// True where the control has reported on this link that it holds no offset, within the tolerance.
+    #[must_use]
+    pub fn reports_zero(&self) -> bool {
+        let tolerance = &self.config.read_back_tolerance;
         self.reported.is_some_and(|reported| {
-            (0..self.axes).all(|k| !self.is_listed(k) || reported[k].abs() <= limits.read_back_tolerance[k])
+            (0..self.axes).all(|k| !self.is_listed(k) || reported[k].abs() <= tolerance[k])
         })
     }
 }

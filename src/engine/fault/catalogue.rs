@@ -111,7 +111,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "a position jumped further than is plausible",
         cause: "an axis changed by more than jump-mm (jump-deg) per cycle: a coordinate switch, a lost frame count, or another unit",
         reaction: "that frame is not corrected for; held, then blended in again after ten good frames",
-        remedy: "if the machine is really that fast, raise jump-mm; else correct the control",
+        remedy: "if the machine is really that fast, state its feed-max-mm-per-min (volcomp check prints the jump-mm in force); else correct the control",
     },
     Entry {
         code: Code(3004),
@@ -153,10 +153,11 @@ pub const CATALOGUE: &[Entry] = &[
         code: Code(3008),
         name: "data-lost",
         severity: Fault,
-        text: "positions were lost for so long that the offset is back at zero",
-        cause: "no positions, or none to be believed, for hold-s and the ramp after it: the control hangs, the network is cut, a sender is broken",
+        text: "positions were missing or unusable for so long that the offset is back at zero",
+        cause: "for hold-s and the ramp after it no position came, or none that could be used: stale, not finite, a jump, a \
+                clock or frozen positions, or a model that gave no number; the warning before this fault says which",
         reaction: "the offset stays at zero, the state is faulted until it is acknowledged (after-loss = \"resume\": compensation comes back by itself with good positions)",
-        remedy: "find what kept the positions away (the log has the number and the values of what came first), then `volcomp enable --clear-fault`",
+        remedy: "look up the warning before it (volcomp status and the log have its number and values), mend that, then `volcomp enable --clear-fault`",
     },
     Entry {
         code: Code(4001),
@@ -165,7 +166,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "the control has applied another offset than the one sent",
         cause: "another program writes the offset, the control clamps it, or it is lost on the way",
         reaction: "compensation ends, no further correction is sent, the control removes its offset by its own rule; latched until it reports zero and the fault is cleared",
-        remedy: "find the other writer (second daemon, part program, limit of the control) or the unit or sign error in the read-back, then clear the fault and enable",
+        remedy: "find the other writer (second daemon, part program, limit of the control) or the unit or sign error in the read-back, then `volcomp enable --clear-fault`",
     },
     Entry {
         code: Code(4002),
@@ -192,7 +193,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "the correction asked for is beyond the stop limit of an axis",
         cause: "model, tool or position must be wrong: no machine errs by that much",
         reaction: "compensation ends; the offset is ramped to zero and stays there until the fault is cleared",
-        remedy: "compare the model with the machine (volcomp predict at this position); correct the tool; only then clear the fault",
+        remedy: "compare the model with the machine (volcomp predict at this position); correct the tool; only then `volcomp enable --clear-fault`",
     },
     Entry {
         code: Code(4005),
@@ -220,6 +221,35 @@ pub const CATALOGUE: &[Entry] = &[
         cause: "the read-back is beyond the limit (on a new link: beyond twice the limit, or farther out than anything sent on the link before): a wrong unit or sign, a foreign writer, memory that was not cleared",
         reaction: "compensation ends, no further correction is sent, the control removes its offset by its own rule; latched until it reports zero and the fault is cleared",
         remedy: "compare `applied` in a recording with the offset in the control; correct the adapter or the limits, then `volcomp enable --clear-fault`",
+    },
+    Entry {
+        code: Code(4008),
+        name: "control-limited",
+        severity: Warning,
+        text: "the control limits the offset",
+        cause: "the control reports OFFSET_LIMITED: the offset sent is beyond a limit of its own",
+        reaction: "corrections go on; the machine gets less than what was sent; a lasting difference is VC-4001",
+        remedy: "compare the limits of the control with limit-um and rate-um-per-s of the machine file",
+    },
+    Entry {
+        code: Code(4009),
+        name: "offset-behind",
+        severity: Warning,
+        text: "an offset stays away from its correction for longer than its limits explain",
+        cause: "for ramp-s and the time from one end of the limit to the other it was more than 5 % of the limit away: the \
+                correction is beyond the limit, or changes faster than rate and acceleration allow",
+        reaction: "the offset follows as well as the limits let it; the rest of the error is not corrected",
+        remedy: "volcomp status names the axis; raise its rate-um-per-s or limit-um if the model is right, else correct the model",
+    },
+    Entry {
+        code: Code(4010),
+        name: "unlisted-offset",
+        severity: Warning,
+        text: "the control holds an offset of an axis that the machine file does not list",
+        cause: "its table [axes.NAME] was taken out while the control held an offset of it, or the offset is of another program",
+        reaction: "it is left as it is, also at the end: without limits no offset is moved",
+        remedy: "volcomp status names the axis; list it again with its limits and restart: the daemon leads the offset to zero; \
+                 or set it to zero at the control",
     },
     Entry {
         code: Code(5001),

@@ -86,6 +86,14 @@ impl Code {
     pub const LIMITED: Self = Self(4005);
     /// An offset is held back by a soft limit of the machine.
     pub const SOFT_LIMIT: Self = Self(4006);
+    /// An axis is outside the travel of the model.
+    pub const OUT_OF_TRAVEL: Self = Self(3007);
+    /// The control limits the offset.
+    pub const CONTROL_LIMITED: Self = Self(4008);
+    /// An offset stays away from its correction.
+    pub const OFFSET_BEHIND: Self = Self(4009);
+    /// The control holds an offset of an axis that the machine file does not list.
+    pub const UNLISTED_OFFSET: Self = Self(4010);
     /// The model is of another machine.
     pub const MODEL_FOREIGN: Self = Self(5002);
     /// The model has expired.
@@ -197,6 +205,20 @@ mod tests {
     fn every_reason_has_its_own_entry() {
         for reason in Reason::ALL {
             assert_eq!(of_reason(reason).code, reason_code(reason));
+        }
+    }
+
+    #[test]
+    fn a_latched_fault_names_the_command_that_clears_it() {
+        for reason in [Reason::DataLost, Reason::ReadBack, Reason::StopLimit, Reason::ImplausibleOffset] {
+            let entry = of_reason(reason);
+            assert_eq!(entry.severity, Severity::Fault);
+            assert!(
+                entry.remedy.contains("`volcomp enable --clear-fault`"),
+                "{}: {}",
+                entry.code,
+                entry.remedy
+            );
         }
     }
 

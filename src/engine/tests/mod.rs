@@ -7,6 +7,7 @@ mod holding;
 mod loss;
 mod lying_control;
 mod motion;
+mod obstacles;
 mod reported_offset;
 mod sequences;
 mod setpoint;
@@ -119,6 +120,8 @@ impl World {
             warning: 0,
             out_of_order: false,
             out_of_range: 0,
+            out_of_travel: 0,
+            lagging: 0,
             faded: 0,
             wanted: [0.0; MAX_AXES],
             lag_cycles: None,

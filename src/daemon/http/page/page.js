@@ -44,6 +44,7 @@ function offline(text) {
     byId("banner").className = "bad";
     byId("state").textContent = "NO DATA";
     byId("since").textContent = "";
+    byId("warnings").replaceChildren();
     byId("cause").textContent = "The daemon does not answer.";
     byId("reaction").textContent = "What happens: without the daemon the control takes its offset out by itself";
     byId("remedy").textContent = "What to do: systemctl status volcompd";

@@ -22,6 +22,8 @@ function banner(status) {
   let [word, colour] = words[status.state] || [status.state.toUpperCase(), "idle"];
   if (status.shadow) word += " (SHADOW)";
   if (status.health.verdict === "faulted") [word, colour] = ["FAULT", "bad"];
+  if (status.health.verdict === "warning" && colour !== "bad") colour = "held";
+  if (status.health.verdict === "held" && colour === "idle") colour = "held";
   return [word, colour];
 }
 
@@ -43,15 +45,21 @@ export function showBanner(status) {
   const seconds = fault ? fault.age_s : status.state_since_s;
   byId("since").textContent = "since " + clock(seconds) + ", for " + duration(seconds) + gain;
   const code = health.code && !health.cause.startsWith(health.code) ? health.code + " " : "";
-  byId("cause").textContent = micron(health.cause ? code + health.cause : "");
+  const past = status.recent.warnings.find((warning) => warning.code === health.code && !warning.present);
+  const cause = past ? health.cause.replace(/ \(over\)$/, " (" + duration(past.age_s) + " ago, over)") : health.cause;
+  byId("cause").textContent = micron(cause ? code + cause : "");
   // also beside a warning: who sees the page for the first time looks for this
   const off = status.state === "off" ? "Compensation is off; Enable, or `volcomp enable`, switches it on. " : "";
   byId("remedy").textContent = off + (health.remedy ? "What to do: " + micron(health.remedy) : "");
   // what the offset does meanwhile, in the words of `volcomp explain`
   const known = health.verdict === "warning" ? undefined : codes.get(health.code);
   byId("reaction").textContent = known ? "What happens: " + micron(known.reaction) : "";
+  // the cause above is one of them
+  const others = status.recent.warnings.filter((warning) => warning.code !== health.code);
+  byId("warnings").replaceChildren(...others.map((warning) => element("li", warning.code + " " + micron(warning.text)
+    + (warning.count > 1 ? " × " + warning.count : "") + (warning.present ? "" : " (" + duration(warning.age_s) + " ago, over)"))));
   document.title = word + " · " + status.machine;
-  const said = word + (health.cause ? ", " + code + health.cause : "");
+  const said = word + (health.code ? ", " + health.code : health.cause ? ", " + health.cause : "");
   if (said !== announced) byId("announce").textContent = announced = said;
 }
 
@@ -188,7 +196,9 @@ export function showSensors(status) {
 }
 
 export function showEvents(status) {
-  const key = JSON.stringify(status.events.map((e) => [e.time, e.code, e.count]));
+  const lasting = new Set([...status.faults, ...status.recent.warnings.filter((w) => w.present)].map((w) => w.code));
+  const over = (event) => event.severity !== "notice" && !lasting.has(event.code);
+  const key = JSON.stringify(status.events.map((e) => [e.time, e.code, e.count, over(e)]));
   if (key === lastEvents && byId("events").children.length) return;
   const open = new Set([...document.querySelectorAll("#events details[open]")].map((d) => d.dataset.key));
   const focused = document.activeElement && document.activeElement.closest("#events details");
@@ -209,6 +219,7 @@ export function showEvents(status) {
     summary.append(time, " ", element("span", event.code + " " + event.severity, "code " + event.severity), " ",
       known.text || event.name);
     if (event.numbers) summary.append(" (" + micron(event.numbers) + ")");
+    if (over(event)) summary.append(" ", element("span", "over", "count"));
     if (event.count > 1) summary.append(" ", element("span", "× " + event.count, "count"));
     const list = element("dl", null, "pairs");
     pairs(list, [["name", event.name], ["cause", known.cause], ["reaction", known.reaction], ["remedy", known.remedy]]);

@@ -131,7 +131,7 @@ export function showAxes(status) {
     });
     const small = row.querySelector("small");
     small.replaceChildren("applied " + number(applied, 1) + ", warning " + number(limits.warning, 0) + ", limit " + number(limits.limit, 0));
-    const marks = [[status.limited, "LIMITED"], [status.warning, "WARNING"], [status.out_of_range, "OUT OF RANGE"]];
+    const marks = [[status.limited, "LIMITED"], [status.lagging, "BEHIND"], [status.warning, "WARNING"], [status.out_of_range, "OUT OF RANGE"]];
     for (const [axes, word] of marks) {
       if (axes.includes(axis)) small.append(" ", element("span", word, "alarm"));
     }
