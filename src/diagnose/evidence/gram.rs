@@ -259,7 +259,7 @@ impl Columns {
             norms.push(norm);
         }
         let of = |(at, k): &(usize, usize)| (*at..at + k).map(|c| largest[c] * norms[c]).fold(0.0, f64::max);
-        let largest = span.iter().map(|s| of(s)).collect();
+        let largest = span.iter().map(of).collect();
         let seen = white.whiten(&values);
         let is_seen = |(at, k): &(usize, usize)| {
             let left: f64 = (*at..at + k).map(|c| seen.column(c).norm_squared()).sum();
