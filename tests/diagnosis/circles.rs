@@ -145,6 +145,8 @@ fn a_slow_circle_shows_a_squareness_and_no_effect_of_its_acceleration() {
     let (found, report) = declared(&truth.circles(&[1000.0], CENTRE, 0.3, 1), CENTRE);
     assert_eq!(names(&found), ["squareness:xy"]);
     assert!(found[0].probability > 0.9, "{found:?}");
+    let of_acceleration = found[0].confounded_with.iter().find(|l| l.starts_with("inertial"));
+    assert_eq!(of_acceleration, None, "mechanics do not allow it");
     let angle = parameter(&report, "squareness", "xy", "angle_arcsec");
     assert!((angle + 8.25).abs() < 0.3, "{angle}");
 }

@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
-use super::super::constants::{DEGENERATE, EFFECT_SCALES, SEEN};
+use super::super::constants::{DEGENERATE, EFFECT_SCALES, SEEN, SURE};
 use super::covariance::Covariance;
 
 /// Columns of all variants before whitening, each scaled to a root mean square of 1 um.
@@ -214,6 +214,16 @@ impl Columns {
     fn scales(&self, variant: usize) -> std::ops::RangeInclusive<usize> {
         let below = EFFECT_SCALES.iter().filter(|s| **s < self.largest[variant]).count();
         0..=below.min(EFFECT_SCALES.len() - 1)
+    }
+
+    /// Labels with the same column as another that mechanics let be as large (in standard deviations of the white noise).
+    pub(super) fn aliases_of(&self, label: usize, size: f64) -> Vec<usize> {
+        let reaches = |alias: usize| {
+            let mut of = self.label.iter().zip(&self.largest).filter(|(l, _)| **l == alias);
+            of.any(|(_, largest)| size <= SURE * largest)
+        };
+        let own = self.aliases.iter().filter(|(_, other)| *other == label).map(|(alias, _)| *alias);
+        own.filter(|alias| reaches(*alias)).collect()
     }
 
     /// The same with the columns of some variants only.

@@ -377,6 +377,13 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
     }
     let (gram, _) = search.visited.get(&rungs)?;
     let best_set = gram.condition(&search.columns, best);
+    let (at, mean, _) = gram.coefficients(&best_set);
+    // of a member of the set, in standard deviations of the white noise; nothing of others
+    let size = |variant: usize| {
+        let (first, k) = search.columns.span[variant];
+        let own = at.iter().zip(mean.iter()).filter(|(c, _)| (first..first + k).contains(*c));
+        own.map(|(_, b)| b * b).sum::<f64>().sqrt() / search.structure.white_um
+    };
     let mut contenders: Vec<Contender> = Vec::new();
     for (label, p) in &probability {
         let chosen = best_labels.contains(label);
@@ -422,13 +429,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             group_probability: group.min(1.0),
             rivals,
             sums,
-            aliases: search
-                .columns
-                .aliases
-                .iter()
-                .filter(|(_, other)| other == label)
-                .map(|(alias, _)| *alias)
-                .collect(),
+            aliases: search.columns.aliases_of(*label, size(member.variant)),
             chosen,
             log_evidence,
         });
