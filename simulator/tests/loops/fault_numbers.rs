@@ -12,6 +12,13 @@ use volcomp::engine::fault::{CATALOGUE, Code, reason_code};
 
 /// Numbers that no scenario can reach with the programs as they are, and where they are tried instead: file and test.
 const TESTED: &[(u16, &str, &str)] = &[
+    (4008, "tests/daemon/status.rs", "what_limits_the_correction_is_a_warning_while_it_lasts"),
+    (
+        4009,
+        "src/engine/tests/obstacles.rs",
+        "an_offset_that_stays_away_from_its_correction_is_told_after_the_time_that_its_limits_explain",
+    ),
+    (4010, "tests/daemon/service.rs", "an_axis_that_is_not_listed_keeps_its_offset_and_that_is_told"),
     (
         5001,
         "src/engine/tests/sequences/every_rule.rs",
