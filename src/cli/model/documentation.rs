@@ -315,10 +315,11 @@ impl Documented<'_> {
     /// Squarenesses and location errors without a function of their own that slopes and offsets of other curves hold, rad
     /// or mm.
     fn held_by_curves(&self) -> Vec<(ErrorSymbol, f64)> {
-        let covered = self.covered();
+        let (covered, own) = (self.covered(), self.spec().chain.error_symbols());
+        let is_open = |s: &ErrorSymbol| own.contains(s) && !covered.contains(s);
         let gauged = normalise(self.spec()).ok();
         let all = gauged.into_iter().flat_map(|g| g.total.errors);
-        all.filter(|(s, amount)| !covered.contains(s) && error_out(*s, *amount).abs() > NEGLIGIBLE).collect()
+        all.filter(|(s, amount)| is_open(s) && error_out(*s, *amount).abs() > NEGLIGIBLE).collect()
     }
 
     /// What follows from model and machine file, and what the head adds.
