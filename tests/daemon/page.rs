@@ -211,7 +211,11 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     scene.order("enable", &[("name", "A. Smith"), ("reason", "warm-up done")]);
     scene.until(&format!("{} === 'COMPENSATING'", text("state")));
     scene.until(&format!("document.title.startsWith('COMPENSATING') && {}.startsWith('0.') ", text("with")));
-    assert_eq!(scene.browser.value("document.getElementById('banner').className"), "active");
+    // amber where the host was late, with the number of the warning; green otherwise
+    let class = scene.browser.value("document.getElementById('banner').className");
+    let cause = scene.browser.value(&text("cause"));
+    let warns = class == "held" && cause.as_str().is_some_and(|cause| cause.contains("VC-"));
+    assert!(class == "active" || warns, "{class}: {cause}");
     scene.until(&format!("{}.includes('Tool at X')", text("volume-note")));
     for (id, words) in [
         ("machine", "test-mill"),
