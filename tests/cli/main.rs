@@ -11,6 +11,7 @@ mod fit_cli;
 mod identify_cases;
 mod import_export;
 mod input_limits;
+mod machine_messages;
 mod model_extend;
 mod model_show;
 mod outputs;

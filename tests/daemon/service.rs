@@ -153,11 +153,7 @@ fn a_foreign_offset_is_a_fault_that_has_to_be_acknowledged() {
 #[test]
 fn a_fault_that_comes_back_at_once_is_a_refusal_that_names_it() {
     let port = Port::open();
-    let daemon = Daemon::start(&port.address(), Setup::default());
-    let mut session = port.link();
-    session.run_until_corrected();
-    session.deceive(0.05);
-    let mut session = port.link();
+    let (daemon, mut session) = port.latched();
     session.run_unanswered(50);
     let command =
         daemon.command(&["enable", "--clear-fault"]).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn();
@@ -222,11 +218,7 @@ fn an_axis_that_is_not_listed_keeps_its_offset_and_that_is_told() {
 #[test]
 fn a_stop_with_a_fault_at_zero_does_not_warn() {
     let port = Port::open();
-    let mut daemon = Daemon::start(&port.address(), Setup::default());
-    let mut session = port.link();
-    session.run_until_corrected();
-    session.deceive(0.05);
-    let mut session = port.link();
+    let (mut daemon, mut session) = port.latched();
     session.run_unanswered(50);
     daemon.signal(Signal::TERM);
     let _ = daemon.wait();

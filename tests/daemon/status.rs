@@ -213,11 +213,7 @@ fn what_limits_the_correction_is_a_warning_while_it_lasts() {
 #[test]
 fn a_latched_fault_shows_what_the_control_holds_and_what_keeps_it_from_being_cleared() {
     let port = Port::open();
-    let daemon = Daemon::start(&port.address(), Setup::default());
-    let mut session = port.link();
-    session.run_until_corrected();
-    session.deceive(0.05);
-    let mut session = port.link();
+    let (daemon, mut session) = port.latched();
     session.applied[0] = 0.05;
     session.run_unanswered(20);
     let mut seen = Value::Null;

@@ -205,6 +205,15 @@ pub(crate) struct Port {
 }
 
 impl Port {
+    /// A daemon with a latched fault of the read-back, and a new link to it.
+    pub(crate) fn latched(&self) -> (Daemon, Session) {
+        let daemon = Daemon::start(&self.address(), Setup::default());
+        let mut session = self.link();
+        session.run_until_corrected();
+        session.deceive(0.05);
+        (daemon, self.link())
+    }
+
     pub(crate) fn open() -> Self {
         Self::open_at("127.0.0.1:0")
     }

@@ -93,10 +93,9 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
     };
     let physical = cause.parameters.iter().filter(|(name, v)| told(name) && seen(v));
     let turns = matches!(cause.subject.as_str(), "a" | "b" | "c");
-    let thermometer =
-        found.addition.effects.iter().find(|e| e.name == cause.effect && e.subject == cause.subject);
+    let entry = found.addition.effects.iter().find(|e| e.name == cause.effect && e.subject == cause.subject);
     let mut sources: Vec<String> =
-        thermometer.into_iter().flat_map(|e| e.shape.signals()).map(|s| format!("by {}", s.source)).collect();
+        entry.into_iter().flat_map(|e| e.shape.signals()).map(|s| format!("by {}", s.source)).collect();
     sources.dedup();
     physical
         .map(|(name, v)| {

@@ -147,9 +147,9 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
         say!("  {:NAME$} {:>15} {:>6}  {:>5}  remedy", "cause", "size, µm (k=2)", "share", "prob.");
         for c in declared {
             let label = c.label();
-            let found_size = found.budget.correction(&label);
-            let size = found_size.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
-            let share = found_size.map_or_else(|| "-".to_owned(), |x| percent(x.share));
+            let correction = found.budget.correction(&label);
+            let size = correction.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
+            let share = correction.map_or_else(|| "-".to_owned(), |x| percent(x.share));
             say!(
                 "  {:NAME$} {size:>15} {share:>6}  {:>5.2}  {}",
                 format!("{} ({label})", name(&c.effect, &c.subject)),

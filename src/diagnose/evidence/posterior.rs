@@ -140,8 +140,11 @@ impl Search {
             best = if second.2 > first.2 { second } else { first };
         }
         if let Some((gram, sets)) = self.visited.get_mut(&best.0) {
+            let before = sets::most(sets);
             sets::restart(gram, &self.columns, &best.1, sets);
-            best = self.settle(best.0, best.1)?;
+            if sets::most(sets) > before {
+                best = self.settle(best.0, best.1)?;
+            }
         }
         let (rungs, members, _) = best;
         if let Some((gram, sets)) = self.visited.get_mut(&rungs) {
@@ -196,7 +199,7 @@ impl Search {
     /// Likely sets under the scales beside the likeliest: a cause may win by making the discrepancy small.
     fn ladder(&mut self, rungs: &Rungs) -> Option<()> {
         let (_, sets) = self.visited.get(rungs)?;
-        let most = sets.values().map(|v| v.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let most = sets::most(sets);
         let likely: Vec<Vec<Member>> =
             sets.values().filter(|v| v.log_weight > most - STRONG).map(|v| v.members.clone()).collect();
         let variants = likely.iter().flatten().map(|m| m.variant).collect();
@@ -223,8 +226,8 @@ impl Search {
     }
 
     /// Log weights of all sets, summed over the scales.
-    fn weights_of_sets(&self) -> BTreeMap<Vec<usize>, (Vec<Member>, f64)> {
-        let mut all: BTreeMap<Vec<usize>, (Vec<Member>, f64)> = BTreeMap::new();
+    fn weights_of_sets(&self) -> WeightedSets {
+        let mut all = WeightedSets::new();
         for (rungs, (_, sets)) in &self.visited {
             for (labels, v) in sets {
                 let w = v.log_weight + scales::log_prior(rungs);
@@ -245,6 +248,9 @@ impl Search {
         all
     }
 }
+
+/// Members and log weight of sets, by their labels.
+type WeightedSets = BTreeMap<Vec<usize>, (Vec<Member>, f64)>;
 
 fn log_sum(values: &[f64]) -> f64 {
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -393,23 +399,10 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             .max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
         let member = holder.1.0.iter().find(|m| search.columns.label[m.variant] == *label)?;
         let rivals = if chosen { rivals(search, gram, best, *label, &probability) } else { Vec::new() };
-        let in_its_place = |(labels, (members, w)): (&Vec<usize>, &(Vec<Member>, f64))| {
-            let added: Vec<usize> = labels.iter().copied().filter(|l| !best_labels.contains(l)).collect();
-            let kept = best_labels.iter().filter(|l| *l != label).all(|l| labels.contains(l));
-            let pair = <[usize; 2]>::try_from(added).ok()?;
-            // one of them alone is a rival
-            let alone = |other: usize| {
-                let rest: Vec<usize> = labels.iter().copied().filter(|l| *l != other).collect();
-                sets.get(&rest).is_some_and(|v| v.1 > *w)
-            };
-            let replaces = kept && !labels.contains(label) && !pair.into_iter().any(alone);
-            let fits = || gram.likelihood_loss(&gram.condition(&search.columns, members), &best_set) < STRONG;
-            (replaces && fits()).then_some((pair, *w))
+        let fits = |members: &[Member]| {
+            gram.likelihood_loss(&gram.condition(&search.columns, members), &best_set) < STRONG
         };
-        let mut sums: Vec<([usize; 2], f64)> =
-            if chosen { sets.iter().filter_map(in_its_place).collect() } else { Vec::new() };
-        sums.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let sums: Vec<[usize; 2]> = sums.into_iter().map(|(pair, _)| pair).take(TRIED).collect();
+        let sums = if chosen { pairs_in_place(&sets, best_labels, *label, &fits) } else { Vec::new() };
         let stands = |labels: &[usize]| {
             labels.contains(label)
                 || rivals.iter().any(|(r, _)| labels.contains(r) && !best_labels.contains(r))
@@ -495,6 +488,29 @@ fn rivals(
     }
     all.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     all
+}
+
+/// Pairs of labels that stand in the place of a member of the likeliest set and fit as well (`fits`), the likeliest first.
+fn pairs_in_place(
+    sets: &WeightedSets,
+    best: &[usize],
+    label: usize,
+    fits: &dyn Fn(&[Member]) -> bool,
+) -> Vec<[usize; 2]> {
+    let in_its_place = |(labels, (members, w)): (&Vec<usize>, &(Vec<Member>, f64))| {
+        let kept = best.iter().all(|l| labels.contains(l) != (*l == label));
+        let added: Vec<usize> = labels.iter().copied().filter(|l| !best.contains(l)).collect();
+        let pair = <[usize; 2]>::try_from(added).ok().filter(|_| kept)?;
+        // one of them alone is a rival
+        let is_enough = |one: usize| {
+            let without: Vec<usize> = labels.iter().copied().filter(|l| *l != one).collect();
+            sets.get(&without).is_some_and(|v| v.1 > *w)
+        };
+        (!pair.into_iter().any(is_enough) && fits(members)).then_some((pair, *w))
+    };
+    let mut all: Vec<([usize; 2], f64)> = sets.iter().filter_map(in_its_place).collect();
+    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    all.into_iter().map(|(pair, _)| pair).take(TRIED).collect()
 }
 
 /// Posterior means of the parts of the gap.

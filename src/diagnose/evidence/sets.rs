@@ -16,6 +16,11 @@ pub(super) struct Visited {
 /// Sets by their labels, sorted.
 pub(super) type Sets = BTreeMap<Vec<usize>, Visited>;
 
+/// The highest log weight.
+pub(super) fn most(sets: &Sets) -> f64 {
+    sets.values().map(|v| v.log_weight).fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// Log prior of each further effect: as likely as none of them together.
 fn price(columns: &Columns) -> f64 {
     -(columns.visible.saturating_sub(1).max(2) as f64).ln()
@@ -140,7 +145,7 @@ pub(super) fn extra(columns: &Columns, members: &[Member]) -> f64 {
 pub(super) fn explore(gram: &Gram, columns: &Columns, sets: &mut Sets) {
     let mut done: BTreeSet<Vec<usize>> = BTreeSet::new();
     for _ in 0..MOST {
-        let best = sets.values().map(|v| v.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let best = most(sets);
         let next = sets
             .iter()
             .filter(|(k, v)| v.log_weight > best - STRONG && !done.contains(*k))

@@ -56,6 +56,12 @@ pub struct Budget {
 }
 
 impl Budget {
+    /// True where no cause is declared, so that what is left is the gap.
+    #[must_use]
+    pub const fn names_no_cause(&self) -> bool {
+        self.corrections.is_empty()
+    }
+
     /// What the correction of a declared cause achieves, by its label.
     #[must_use]
     pub fn correction(&self, label: &str) -> Option<&Correction> {
@@ -93,7 +99,7 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
     let declared: Vec<usize> = (0..assessed.len()).filter(|p| assessed[*p].is_declared()).collect();
     let before = level(&[]);
     let after = level(&declared);
-    let whole = before.rms_um.powi(2).max(f64::MIN_POSITIVE);
+    let gap_um2 = before.rms_um.powi(2).max(f64::MIN_POSITIVE);
     let mut corrections: Vec<Correction> = declared
         .iter()
         .map(|place| {
@@ -105,7 +111,7 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
                 size_um: fitted.size_um(session, a, *place),
                 alone,
                 all_others,
-                share: 0.5 * (taken(before, alone) + taken(all_others, after)) / whole,
+                share: 0.5 * (taken(before, alone) + taken(all_others, after)) / gap_um2,
             }
         })
         .collect();

@@ -189,7 +189,7 @@ fn residual(
             .collect();
         points
     };
-    let is_gap = found.budget.corrections.is_empty();
+    let is_gap = found.budget.names_no_cause();
     let all = [Some(0), Some(1), Some(2), None];
     let before: Vec<(f64, f64)> =
         thinned(&all.iter().flat_map(|d| along(*d, &found.before_um)).collect::<Vec<_>>());

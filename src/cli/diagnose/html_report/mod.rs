@@ -84,7 +84,7 @@ fn summary(page: &mut Page, found: &Diagnosis) {
             ),
         ),
     ];
-    if !found.budget.corrections.is_empty() {
+    if !found.budget.names_no_cause() {
         rows.push((
             "Expected after correction",
             format!(
@@ -133,7 +133,7 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     ];
     let rows: Vec<Vec<Cell>> = shown.iter().map(|c| cause_row(c, found, compensable)).collect();
     page.stacked_table(&head, &rows);
-    let assumed = if compensable.is_assumed && !found.budget.corrections.is_empty() {
+    let assumed = if compensable.is_assumed && !found.budget.names_no_cause() {
         " volcompd: without a model file a chain of three linear axes is assumed."
     } else {
         ""
@@ -241,8 +241,8 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
 fn fitted(page: &mut Page, found: &Diagnosis) -> Vec<Figure> {
     let declared = sorted(&found.budget, found.report.causes.iter().filter(|c| c.declared));
     let mut figures: Vec<Figure> = declared.into_iter().flat_map(|c| curves(found, c)).collect();
-    let has_steps = !found.budget.corrections.is_empty();
-    let agreement = has_steps.then(|| charts::measured_and_predicted(found)).flatten();
+    let names_causes = !found.budget.names_no_cause();
+    let agreement = names_causes.then(|| charts::measured_and_predicted(found)).flatten();
     let more = figures.split_off(figures.len().min(FIRST_FIGURES - usize::from(agreement.is_some())));
     let has_curves = !figures.is_empty();
     figures.extend(agreement);
@@ -282,7 +282,7 @@ fn annex(page: &mut Page, session: &Session, found: &Diagnosis, more: &[Figure])
     }
     let residuals = charts::residuals(session, found);
     if !residuals.is_empty() {
-        let is_gap = found.budget.corrections.is_empty();
+        let is_gap = found.budget.names_no_cause();
         page.heading(if is_gap { "The gap over time and axes" } else { "The residual over time and axes" });
         page.figures(&residuals);
     }
@@ -292,7 +292,7 @@ fn programs(page: &mut Page, found: &Diagnosis) {
     if found.programs.len() < 2 {
         return;
     }
-    let is_gap = found.budget.corrections.is_empty();
+    let is_gap = found.budget.names_no_cause();
     page.heading(if is_gap { "The gap by part program" } else { "Residual by part program" });
     let most = found.programs.iter().map(|p| p.before_um.max(p.after_um)).fold(1e-9, f64::max);
     let mut head = vec!["setup", "instrument", "axes", "feed, mm/min", "tool, mm", "readings"];
