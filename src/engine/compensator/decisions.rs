@@ -27,14 +27,14 @@ impl Compensator {
         }
         let wanted = self.enabled && !outside;
         let reason = if outside { Reason::OutOfTravel } else { Reason::Command };
+        // while the control takes the offset back, what is sent does not act
+        let settled = self.input.is_settled() && !machine.has(MachineState::OFFSET_RAMPING_OUT);
         match self.state {
             State::Faulted => {}
-            State::Off | State::Armed if wanted && self.input.is_settled() => {
+            State::Off | State::Armed if wanted && settled => {
                 self.plan(State::RampingIn, Reason::MachineReady);
             }
-            State::Off | State::Armed
-                if !self.is_zero() && self.input.is_settled() && !self.keeps_offset() =>
-            {
+            State::Off | State::Armed if !self.is_zero() && settled && !self.keeps_offset() => {
                 self.plan(State::RampingOut, Reason::FoundOffset);
             }
             State::Off | State::Armed => self.rest(Reason::Command),
@@ -50,7 +50,7 @@ impl Compensator {
             }
             State::Active | State::FadingToStatic => {}
             State::Holding if self.keeps_offset() => self.rest(Reason::Command),
-            State::Holding if self.input.is_settled() => {
+            State::Holding if settled => {
                 if wanted {
                     self.plan(State::RampingIn, Reason::DataGood);
                 } else {
@@ -58,7 +58,7 @@ impl Compensator {
                 }
             }
             State::Holding => {}
-            State::RampingOut if wanted && self.input.is_settled() => {
+            State::RampingOut if wanted && settled => {
                 let reason = if self.commanded { Reason::Command } else { Reason::DataGood };
                 self.plan(State::RampingIn, reason);
             }

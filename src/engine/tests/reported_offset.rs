@@ -113,6 +113,22 @@ fn a_control_that_takes_its_offset_out_is_followed_at_rest() {
 }
 
 #[test]
+fn nothing_begins_while_the_control_takes_the_offset_back() {
+    let mut w = active();
+    w.frame.state = RAMPING_OUT;
+    let mut events = Vec::new();
+    // answers stay on their way: the control comes to zero
+    for cycle in (0..100).rev() {
+        let out = w.reports(x_only(-1e-4 * f64::from(cycle))).expect("within a step");
+        events.extend(reason(&out).map(|cause| (out.state, cause)));
+    }
+    assert_eq!(events, [(State::Holding, Reason::ControlTookOver)]);
+    w.frame.state = READY;
+    assert_eq!(w.reports(x_only(0.0)).map(|out| out.state), Some(State::RampingIn));
+    assert_eq!(w.run(400).state, State::Active);
+}
+
+#[test]
 fn one_that_says_so_while_its_offset_grows_is_not_followed() {
     for grown in [-0.0102, 0.0102] {
         let mut w = active();
