@@ -67,8 +67,8 @@ const KEPT: [&str; 17] = [
     "cycle",
 ];
 /// Beginnings of further such columns.
-const KEPT_STEMS: [&str; 8] =
-    ["since_reversal_", "target_", "station_", "force_", "temp_", "load_", "note_", "label"];
+const KEPT_STEMS: [&str; 9] =
+    ["since_reversal_", "target_", "lever_", "station_", "force_", "temp_", "load_", "note_", "label"];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.circle.is_wanted() {

@@ -93,9 +93,15 @@ impl<R: BufRead> Table<R> {
                 return Err(table.fail(i, "a column without a name; name it or remove the comma"));
             }
             if name.contains([';', '\t']) {
-                return Err(
-                    table.fail(i, format_args!("{name:?} holds ';' or a tab; separate columns by commas"))
-                );
+                let delimiter = if name.contains(';') { "';'" } else { "tab" };
+                return Err(table.fail(
+                    i,
+                    format_args!(
+                        "{name:?} holds a {delimiter}; separate columns by commas, with decimal points, or convert the table: \
+                         volcomp import {} --columns OUT=COLUMN:UNIT,.. --delimiter {delimiter} --decimal-comma --out NEW.csv",
+                        table.file
+                    ),
+                ));
             }
             if table.columns.contains(&name) {
                 return Err(table.fail(i, format_args!("column {name} occurs twice; remove one")));
@@ -428,7 +434,8 @@ mod tests {
             ("a,b\n\n#\n1,5,2\n", "t.csv:4: 3 fields, the header has 2 columns; is there a decimal comma?"),
             ("a,b,a\n", "t.csv:1:5: column a occurs twice"),
             ("a,,b\n", "t.csv:1:3: a column without a name"),
-            ("a;b\n", "separate columns by commas"),
+            ("a;b\n", "t.csv:1:1: \"a;b\" holds a ';'; separate columns by commas"),
+            ("a\tb\n", "volcomp import t.csv --columns OUT=COLUMN:UNIT,.. --delimiter tab --decimal-comma"),
         ] {
             let message = error(text);
             assert!(message.contains(expected), "{text:?} gives {message:?}");

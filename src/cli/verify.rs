@@ -46,8 +46,9 @@ pub(super) struct Args {
     /// The feed to compare, of files with several.
     #[arg(long, value_name = "FEED")]
     feed_mm_per_min: Option<f64>,
-    /// Expanded uncertainty (k = 2) of a reading by the instrument over the measured length: certificate, alignment,
-    /// temperature; arcsec for a rotary axis. Taken as independent in both measurements.
+    /// Expanded uncertainty (k = 2) of the instrument: of a distance over the measured length in ISO 230-2 and 230-6
+    /// (certificate, alignment, temperature; arcsec for a rotary axis), where the range takes it once, as E does; of a
+    /// single reading in circles and error motions, where the range compares two. Independent in both measurements.
     #[arg(long, value_name = "UM", visible_alias = "u-device-arcsec")]
     u_device_um: Option<f64>,
     /// Write a report as one HTML page that needs no other file and prints on A4.
@@ -96,7 +97,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let size = |i: usize| {
         let size =
             Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| data!(files[i], "no data rows"))?;
-        Ok::<_, Failure>(args.u_device_um.map_or(size, |u| size.with_device(u / 2.0)))
+        Ok::<_, Failure>(args.u_device_um.map_or(size, |u| size.with_device(test.device(u))))
     };
     let sizes @ [before, after] = [size(0)?, size(1)?];
     let reductions = [Reduction::of(before.range, after.range), Reduction::of(before.rms, after.rms)];

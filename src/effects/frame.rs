@@ -63,6 +63,9 @@ impl RotaryFrame {
     /// Rotation of what lies between bed and axis, own rotation, and the point before own rotation, from the axis.
     pub(super) fn state(&self, m: &MachineState) -> (Mat3, Mat3, Vec3) {
         let (outer, own) = (self.product(&self.outer, m), self.turn(self.axis, m));
+        if m.is_angular() {
+            return (outer, own, own.transpose() * (outer.transpose() * m.lever_mm));
+        }
         let point = Vec3::from(self.point_mm);
         let home = if self.workpiece_side && m.target_mm.iter().all(|v| v.is_finite()) {
             self.carried(m.target_mm, m) - point

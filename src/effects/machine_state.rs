@@ -162,6 +162,9 @@ pub struct MachineState {
     pub station_mm: Vec3,
     /// What it looks at, mm; known where it has a station.
     pub reflector_mm: Vec3,
+    /// Of an angular reading: from the axis of rotation to the point at which the angle is given as displacement along `u`,
+    /// in machine axes, mm; NaN elsewhere.
+    pub lever_mm: Vec3,
     /// The instrument measures lengths by light through air: which one.
     pub light: Option<Light>,
     /// The reading is of a ballbar.
@@ -192,6 +195,7 @@ impl Default for MachineState {
             target_mm: Vec3::repeat(f64::NAN),
             station_mm: Vec3::repeat(f64::NAN),
             reflector_mm: Vec3::repeat(f64::NAN),
+            lever_mm: Vec3::repeat(f64::NAN),
             light: None,
             is_ballbar: false,
             force_n: [f64::NAN; 3],
@@ -202,6 +206,17 @@ impl Default for MachineState {
 }
 
 impl MachineState {
+    /// The reading is of a rotation, given as displacement at the end of a lever.
+    #[must_use]
+    pub fn is_angular(&self) -> bool {
+        self.lever_mm.iter().all(|v| v.is_finite())
+    }
+
+    /// An angular reading seen at the opposite end of its lever: half the difference of both is the rotation alone.
+    pub(crate) fn opposite(&self) -> Self {
+        Self { lever_mm: -self.lever_mm, u: -self.u, ..self.clone() }
+    }
+
     /// What the instrument looks at, mm: the carriage where nothing tells more.
     #[must_use]
     pub fn seen_mm(&self) -> Vec3 {

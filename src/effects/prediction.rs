@@ -88,8 +88,14 @@ pub fn deviation_with_live_um(model: &Model, m: &MachineState, live: &[f64]) -> 
     for (slot, value) in pose.live.iter_mut().zip(live) {
         *slot = *value;
     }
-    let d = model.deviation(&pose).position;
-    (workpiece_to_machine(model, m) * d).map(um_from_mm)
+    let d = model.deviation(&pose);
+    let machine = workpiece_to_machine(model, m);
+    let d = if m.is_angular() {
+        m.u * (machine * d.rotation).dot(&m.lever_mm.cross(&m.u))
+    } else {
+        machine * d.position
+    };
+    d.map(um_from_mm)
 }
 
 #[cfg(test)]

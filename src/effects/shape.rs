@@ -141,6 +141,12 @@ impl Shape {
     pub fn evaluate_with(&self, m: &MachineState, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
         let read = |s: &Signal| at(s).and_then(|i| m.signals.get(i)).copied().unwrap_or(f64::NAN);
         self.form().evaluate(m, &read, out);
+        if m.is_angular() {
+            let mut opposite = [Vec3::zeros(); WIDTH_MAX];
+            let opposite = &mut opposite[..out.len()];
+            self.form().evaluate(&m.opposite(), &read, opposite);
+            out.iter_mut().zip(opposite).for_each(|(d, o)| *d = 0.5 * (*d - *o));
+        }
     }
 
     /// True where all that the effect needs is known: no part of its deviation is NaN.

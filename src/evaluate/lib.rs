@@ -23,5 +23,5 @@ pub use conformity::Conformity;
 pub use diagonal::{Diagonal, DiagonalTest};
 pub use plate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
 pub use positioning::{AtTarget, Positioning, PositioningReading, Spread};
-pub use reduction::{Placed, Reduction, Size, Uncertain};
+pub use reduction::{Device, Placed, Reduction, Size, Uncertain};
 pub use uncertainty::{CircularUncertainties, Conditions, Uncertainties};

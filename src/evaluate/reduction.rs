@@ -4,10 +4,10 @@
 //! their RMS. The variance of a mean is the pooled variance of the readings at one place over their number, or, where
 //! these follow each other within one run and so are autocorrelated, that of a single reading; of a range it is that of its two ends. `reduction = 1 - after / before`, its variance by first-order propagation.
 //!
-//! An error of the instrument is added by [`Size::with_device`] as independent at either end of a range and in either
-//! measurement; one that is the same in both changes the reduction by less.
+//! An error of the instrument is added by [`Size::with_device`] as independent in either measurement; one that is the same
+//! in both changes the reduction by less.
 //!
-//! Source: GUM (JCGM 100:2008), 5.1.2.
+//! Source: GUM (JCGM 100:2008), 5.1.2; kinds of contributions as in ISO/TR 230-9:2005.
 
 use std::collections::BTreeMap;
 use volcomp_units::axes::Travel;
@@ -43,6 +43,15 @@ pub struct Size {
     pub low: f64,
     /// Largest mean.
     pub high: f64,
+}
+
+/// The standard uncertainty (k = 1) of the instrument, and what it is stated for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Device {
+    /// A distance over the measured length.
+    Distance(f64),
+    /// A single reading; those of two places are independent.
+    Reading(f64),
 }
 
 /// What is gone of a figure.
@@ -94,13 +103,16 @@ impl Size {
         })
     }
 
-    /// Adds the standard uncertainty (k = 1) of the instrument for a reading, in the unit of the figures: `sqrt(2)` of it to
-    /// a range, once to an RMS.
+    /// Adds the standard uncertainty (k = 1) of the instrument, in the unit of the figures. Stated for a distance, it
+    /// enters the range once, as it does E of ISO 230-2; stated for a reading, a range compares two: `sqrt(2)` of it.
     #[must_use]
-    pub fn with_device(self, std: f64) -> Self {
-        let add =
-            |u: Uncertain, share: f64| Uncertain { std: Some(u.std.unwrap_or(0.0).hypot(share * std)), ..u };
-        Self { range: add(self.range, core::f64::consts::SQRT_2), rms: add(self.rms, 1.0), ..self }
+    pub fn with_device(self, device: Device) -> Self {
+        let add = |u: Uncertain, std: f64| Uncertain { std: Some(u.std.unwrap_or(0.0).hypot(std)), ..u };
+        let (in_range, in_rms) = match device {
+            Device::Distance(std) => (std, std),
+            Device::Reading(std) => (core::f64::consts::SQRT_2 * std, std),
+        };
+        Self { range: add(self.range, in_range), rms: add(self.rms, in_rms), ..self }
     }
 }
 
@@ -165,7 +177,7 @@ mod tests {
         let measured = |size: f64, k: u32| {
             let mut readings = test(size, 1000 * k);
             readings.iter_mut().for_each(|r| r.value += device * noise(900_000 + 40 * k + r.place as u32));
-            Size::of(&readings, true).unwrap().with_device(device)
+            Size::of(&readings, true).unwrap().with_device(Device::Reading(device))
         };
         let reductions: Vec<Reduction> = (0..400)
             .map(|k| {
@@ -178,7 +190,26 @@ mod tests {
         let stated = reductions.iter().filter_map(|r| r.std).sum::<f64>() / 400.0;
         assert!((0.7..1.6).contains(&(stated / found)), "stated {stated}, found {found}");
         let without = Size::of(&test(100.0, 0), true).unwrap();
-        assert!(without.with_device(device).range.std > without.range.std);
+        let of_reading = without.with_device(Device::Reading(device)).range.std;
+        let of_distance = without.with_device(Device::Distance(device)).range.std;
+        assert!(of_reading > of_distance && of_distance > without.range.std);
+    }
+
+    #[test]
+    fn an_error_of_the_measured_length_enters_the_range_once() {
+        let device = 2.0;
+        let ranges: Vec<Uncertain> = (0..400)
+            .map(|k| {
+                let mut readings = test(100.0, 1000 * k);
+                let of_length = device * noise(900_000 + k);
+                readings.iter_mut().for_each(|r| r.value += of_length * r.place as f64 / 20.0);
+                Size::of(&readings, true).unwrap().with_device(Device::Distance(device)).range
+            })
+            .collect();
+        let mean = ranges.iter().map(|r| r.value).sum::<f64>() / 400.0;
+        let found = (ranges.iter().map(|r| (r.value - mean).powi(2)).sum::<f64>() / 399.0).sqrt();
+        let stated = ranges.iter().filter_map(|r| r.std).sum::<f64>() / 400.0;
+        assert!((0.9..1.15).contains(&(stated / found)), "stated {stated}, found {found}");
     }
 
     #[test]

@@ -7,4 +7,5 @@ mod head;
 mod instruments;
 mod page;
 mod real;
+mod rotary;
 mod support;

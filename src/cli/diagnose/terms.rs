@@ -8,6 +8,7 @@ use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
 use volcomp_effects::{squareness_symbol, unit_of};
 use volcomp_model::{Chain, ModelSpec};
+use volcomp_units::{arcsec_from_rad, mm_from_um};
 
 /// Coverage factor of all uncertainties shown.
 pub(super) const COVERAGE: f64 = 2.0;
@@ -127,10 +128,17 @@ fn words_of(stem: &str) -> String {
     stem.trim_end_matches("_1").split('_').map(word).collect::<Vec<_>>().join(" ")
 }
 
-/// Peak to valley of the fitted curves of a cause, with its uncertainty; the largest where there are several.
-pub(super) fn peak_to_valley(found: &Diagnosis, label: &str) -> Option<Value> {
+/// Peak to valley of the fitted curves of a cause, with its uncertainty, angular readings as angles; the largest where there are
+/// several.
+pub(super) fn peak_to_valley(found: &Diagnosis, label: &str) -> Option<String> {
     let curves = found.curves.iter().filter(|c| c.label == label && !c.lines.is_empty());
-    curves.map(|c| c.range_um).max_by(|a, b| a.value.total_cmp(&b.value))
+    let range = curves.map(|c| c.range_um).max_by(|a, b| a.value.total_cmp(&b.value))?;
+    let (scale, unit) = match found.radius_mm {
+        Some(radius) => (arcsec_from_rad(mm_from_um(1.0) / radius), "″"),
+        None => (1.0, "µm"),
+    };
+    let range = Value { value: scale * range.value, std: scale * range.std };
+    Some(format!("peak to valley {} {unit}", with_uncertainty(range)))
 }
 
 /// Text of the diagnosis with names in the place of labels, and the unit as it is written.

@@ -157,8 +157,8 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
                 remedy(c, found)
             );
             let mut values = parameters(found, c);
-            if let (true, Some(v)) = (values.is_empty(), peak_to_valley(found, &label)) {
-                values.push(format!("peak to valley {} µm", with_uncertainty(v)));
+            if values.is_empty() {
+                values.extend(peak_to_valley(found, &label));
             }
             if !values.is_empty() {
                 say!("      {}", values.join(", "));

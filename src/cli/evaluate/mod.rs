@@ -26,7 +26,7 @@ use crate::acceptance::{Acceptance, Stated};
 use crate::report::Page;
 use crate::report::plot::Svg;
 use page::Origin;
-use volcomp_evaluate::Placed;
+use volcomp_evaluate::{Device, Placed};
 
 /// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
 ///
@@ -175,6 +175,19 @@ pub(crate) struct CompareOptions {
     pub(crate) feed_mm_per_min: Option<f64>,
     /// Expanded uncertainty (k = 2) of a reading by the instrument, um or arcsec.
     pub(crate) u_device: Option<f64>,
+}
+
+impl Compared {
+    /// The standard uncertainty of an instrument with the expanded uncertainty (k = 2) `u`: ISO 230-2 and 230-6 measure
+    /// distances, other tests compare readings.
+    pub(crate) fn device(&self, u: f64) -> Device {
+        let std = u / 2.0;
+        if matches!(self.test, "iso230-2" | "iso230-6") {
+            Device::Distance(std)
+        } else {
+            Device::Reading(std)
+        }
+    }
 }
 
 /// Compares two files of one test of ISO 230; `None` where the columns are of none.

@@ -85,6 +85,14 @@ pub struct Diagnosis {
     pub budget: Budget,
     /// The gap of each part program, the largest residual first.
     pub programs: Vec<ProgramResidual>,
+    /// Angular readings are given as displacement at this radius, mm; none where there are others, or several radii.
+    pub radius_mm: Option<f64>,
+}
+
+/// The radius of the levers, where all readings are angular and have one.
+fn radius_mm(session: &Session) -> Option<f64> {
+    let radius = session.moments.first()?.lever_mm.norm();
+    session.moments.iter().all(|m| (m.lever_mm.norm() - radius).abs() < 1e-6 * radius).then_some(radius)
 }
 
 /// What is known of the day of the session, for the forecast of another one.
@@ -294,7 +302,8 @@ pub(super) fn conclude(
         seed: options.seed,
     };
     tell(1.0, "done");
-    Diagnosis { report, addition, curves, before_um: before, after_um: after, budget, programs }
+    let radius_mm = radius_mm(session);
+    Diagnosis { report, addition, curves, before_um: before, after_um: after, budget, programs, radius_mm }
 }
 
 /// Mean product of the readings that both know.

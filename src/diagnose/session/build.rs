@@ -238,7 +238,7 @@ impl Session {
 }
 
 fn is_extra(name: &str) -> bool {
-    let stems = ["dir_", "since_reversal_", "target_", "station_", "force_", "temp_"];
+    let stems = ["dir_", "since_reversal_", "target_", "lever_", "station_", "force_", "temp_"];
     let ends = ["_mm_per_s", "_mm_per_s2", "_deg_per_s", "_deg_per_s2"];
     !(KNOWN.contains(&name)
         || Axis::ALL.iter().any(|a| a.column() == name)
@@ -289,6 +289,7 @@ impl<'a> Part<'a> {
         let (t, u) = (column("t_s").unwrap_or(&[]), triple("u_", ""));
         let (target, station, force) =
             (triple("target_", "_mm"), triple("station_", "_mm"), triple("force_", "_n"));
+        let lever = triple("lever_", "_mm");
         let (tool, range) = (column("tool_length_mm"), column("range_mm"));
         let at = |c: Option<&[f64]>, i: usize| c.map_or(f64::NAN, |c| c[i]);
         let vector = |c: [Option<&[f64]>; 3], i: usize| Vec3::new(at(c[0], i), at(c[1], i), at(c[2], i));
@@ -300,6 +301,7 @@ impl<'a> Part<'a> {
                 tool_length_mm: at(tool, i),
                 range_mm: at(range, i),
                 target_mm: vector(target, i),
+                lever_mm: vector(lever, i),
                 light: raw.instruments.get(i).and_then(|n| Light::of(n)),
                 is_ballbar: raw.instruments.get(i).is_some_and(|n| is_ballbar(n)),
                 station_mm: vector(station, i),

@@ -100,7 +100,9 @@ fn span(values: &[f64]) -> f64 {
 fn positions(raw: &Raw, say: &mut dyn FnMut(String)) {
     let mut widest = 0.0f64;
     for axis in Axis::LINEAR {
-        let seen = raw.column(&format!("u_{axis}")).is_some_and(|u| u.iter().any(|v| v.abs() > SEES));
+        // an angle is given as displacement, but no position along it is seen
+        let seen = raw.column(&format!("u_{axis}")).is_some_and(|u| u.iter().any(|v| v.abs() > SEES))
+            && raw.column("lever_x_mm").is_none();
         match raw.column(&axis.column()) {
             None if seen => say(format!(
                 "no column {}, though readings look along {axis}: nothing that goes with its position can be seen",

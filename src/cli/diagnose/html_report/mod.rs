@@ -160,8 +160,8 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable) -> Vec<Cel
     );
     let mut values = parameters(found, c);
     let has_width = c.parameters.contains_key("width_um");
-    if let Some(v) = peak_to_valley(found, &label).filter(|_| !has_width) {
-        values.insert(0, format!("peak to valley {} µm", with_uncertainty(v)));
+    if !has_width {
+        values.splice(0..0, peak_to_valley(found, &label));
     }
     let mut last = Vec::new();
     if c.declared {

@@ -47,7 +47,7 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
     let linear = axis.kind() == AxisKind::Linear;
     let column = if linear { format!("{letter}_mm") } else { format!("{letter}_deg") };
     let direction = format!("dir_{letter}");
-    let names = [
+    let mut names = vec![
         "t_s",
         "setup",
         "run",
@@ -61,9 +61,14 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
         "deviation_um",
         "outlier",
     ];
-    let mut rows = Rows::new(path, &names);
     // a rotary axis moves a point along the next direction: c moves a point on x along y
     let u = along(if linear { axis.direction() } else { (axis.direction() + 2) % 3 });
+    let lever =
+        if linear { Vec::new() } else { along((axis.direction() + 1) % 3).map(|v| v * RADIUS_MM).to_vec() };
+    if !linear {
+        names.extend(["lever_x_mm", "lever_y_mm", "lever_z_mm"]);
+    }
+    let mut rows = Rows::new(path, &names);
     let (mut run, mut before) = (0.0, None);
     for (i, r) in test.readings.iter().enumerate() {
         let pass = (r.cycle, r.travel);
@@ -75,9 +80,10 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
         let deviation = um_from_mm(if linear { r.value } else { r.value * RADIUS_MM });
         let outlier = f64::from(u8::from(outliers.iter().any(|o| o.reading == i)));
         let [x, y, z] = u;
-        let values =
-            [clock(i), 1.0, run, f64::from(r.cycle), 0.0, position, sign, x, y, z, deviation, outlier];
-        rows.push(test.line(i), "laser", &values);
+        let mut values =
+            vec![clock(i), 1.0, run, f64::from(r.cycle), 0.0, position, sign, x, y, z, deviation, outlier];
+        values.extend(&lever);
+        rows.push(test.line(i), if linear { "laser" } else { "rotary calibrator" }, &values);
     }
     let mut found = Measurement::new(rows, times, format);
     found.notes = notes.into_iter().chain(more).collect();
