@@ -149,7 +149,7 @@ impl Outcome {
     #[must_use]
     pub fn table(&self) -> [(&'static str, &'static str, Pair); 3] {
         [
-            ("circle", "circularity G, R 100 mm in XY, F2000, both directions", self.circle),
+            ("circle", "circular error G, R 100 mm in XY, F2000, both directions", self.circle),
             ("body diagonal", "range of the deviation, worst of four, whole volume", self.diagonal),
             ("real motion", "RMS deviation of the tool tip along recorded motion", self.real_motion),
         ]

@@ -42,7 +42,7 @@ subcommands! {
     enum Test {
         /// Positioning of one axis: reversal, repeatability, systematic deviation, accuracy.
         Iso230_2(Box<positioning::Args>) => positioning::run,
-        /// Circular test: circular deviation G and radial deviation F.
+        /// Circular test: circular error G and radial error F.
         Iso230_4(circular::Args) => circular::run,
         /// Ballbar report: polar plot, causes by rank with remedy, trend over several tests.
         Ballbar(Box<ballbar::Args>) => ballbar::run,

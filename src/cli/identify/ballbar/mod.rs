@@ -21,7 +21,7 @@ use volcomp_model::{ErrorFunction, ErrorSymbol, Sense};
 use volcomp_units::axes::AxisName;
 use volcomp_units::{mm_from_um, rad_from_deg};
 
-/// Causes of the deviations on ballbar circles, all at once and ranked by what they add to the circularity.
+/// Causes of the deviations on ballbar circles, all at once and ranked by what they add to the bidirectional circular error G(b).
 ///
 /// A ballbar (telescoping bar between two balls) reads how much too long the radius is while the machine runs circles.
 /// Found are squareness, scale mismatch, servo mismatch, and per axis backlash and lateral play (both ends of travel),

@@ -203,7 +203,7 @@ pub(crate) fn print(plan: &Plan) {
             [Some(widest(c)), c.g_forward, c.g_backward, round.residual.as_ref().map(widest)]
                 .map(|v| or_dash(v.map(um), 2));
         say!(
-            "circularity {all} um (counter-clockwise {left}, clockwise {right}); {residual} um without the effects below"
+            "bidirectional circular error G(b) {all} um (G counter-clockwise {left}, clockwise {right}); {residual} um without the effects below"
         );
     }
     let [(x, sx), (y, sy)] = a.offset.map(|(v, s)| (plain(um(v), 2), um(s)));
