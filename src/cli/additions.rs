@@ -56,7 +56,7 @@ impl Additions {
     /// Reads the files; `None` without one.
     pub(super) fn read<R: BufRead>(
         paths: &[PathBuf],
-        (spec, model): (&ModelSpec, &Model),
+        (spec, model, hash): (&ModelSpec, &Model, &str),
         table: &Table<R>,
     ) -> Result<Option<Self>, Failure> {
         if paths.is_empty() {
@@ -65,7 +65,7 @@ impl Additions {
         let mut all: Vec<Addition> = Vec::with_capacity(paths.len());
         for path in paths {
             let addition = read_addition(path)?;
-            same_machine(path, &addition, model)?;
+            is_of(path, &addition, (model, hash))?;
             addition
                 .require(&|column| table.find(column).is_some() || is_still(column, table))
                 .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", table.file())))?;
@@ -123,12 +123,16 @@ impl Additions {
 }
 
 /// An addition belongs to the machine beside whose model it was found; one that was found beside none may be looked at beside
-/// any.
-pub(super) fn same_machine(path: &Path, addition: &Addition, model: &Model) -> Result<(), Failure> {
+/// any. Another model of the same machine, told by its hash, may hold it already: that is noted.
+pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &str)) -> Result<(), Failure> {
     if addition.machine.is_empty() {
         return Ok(());
     }
-    addition.is_of(model.machine()).map_err(|e| mistake!(path, "{e}"))
+    addition.is_of(model.machine()).map_err(|e| mistake!(path, "{e}"))?;
+    if let Err(twice) = addition.is_beside(hash) {
+        note!("note: {}: {twice}", path.display());
+    }
+    Ok(())
 }
 
 /// Positions of axes that the points lack are zero (`docs/reference/tables.md` 1).

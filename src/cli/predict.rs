@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use super::additions::Additions;
-use super::files::{Rows, read_model};
+use super::files::{Rows, read_hashed_model};
 use super::quantities::{offset_as_is, offset_unit, position_unit};
 use super::table::{self, Table, nearest, other_unit};
 use super::{EX_DATAERR, Failure};
@@ -82,11 +82,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if same || resolved().unwrap_or(false) {
         return Err(usage!("--out {}: is the file of points; name another", out.display()));
     }
-    let (spec, model) = read_model(&args.model)?;
+    let (spec, model, hash) = read_hashed_model(&args.model)?;
     let live = readings::live_values(&args.model, &model, &args.reading)?;
     let mut table = table::open_stream(points)?;
     let columns = Columns::find(&table, &model)?;
-    let mut additions = Additions::read(&args.add, (&spec, &model), &table)?;
+    let mut additions = Additions::read(&args.add, (&spec, &model, &hash), &table)?;
     columns.check_length(&table, &model, additions.as_ref())?;
     let mut rows = Rows::create(out)?;
     columns.header(&table, &mut rows.block);

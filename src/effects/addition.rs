@@ -93,8 +93,7 @@ fn foreign(found: &str, expected: &str) -> String {
 pub enum Twice {
     /// It was found beside another model.
     #[error(
-        "found with {} (hash {}), the model to extend is another (hash {}): what was put into it since then would be \
-         corrected twice",
+        "found with {} (hash {}), this model is another (hash {}): what was put into it since then would count twice",
         base.file, short(&base.hash), short(hash)
     )]
     OtherBase {

@@ -488,6 +488,36 @@ fn an_addition_needs_its_columns_and_its_machine() {
 }
 
 #[test]
+fn an_addition_found_beside_another_model_of_the_machine_is_noted() {
+    use volcomp::diagnose::library::{Shape, forms};
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("m.toml"), MODEL).unwrap();
+    std::fs::write(d.join("s.csv"), line(&|_, _| {})).unwrap();
+    std::fs::write(d.join("p.csv"), "x_mm,tool_length_mm\n0,100\n").unwrap();
+    let tilt = addition("test", "spindle-tilt", Shape::SpindleTilt(forms::SpindleTilt {}));
+    let beside = |hash: &str| {
+        let text = tilt.replacen(
+            "[[effect]]",
+            &format!("[base]\nfile = \"m.toml\"\nhash = \"{hash}\"\n\n[[effect]]"),
+            1,
+        );
+        std::fs::write(d.join("tilt.toml"), text).unwrap();
+    };
+    let warned = |args: &[&str]| {
+        text(&volcomp(d, args).stderr).contains("what was put into it since then would count twice")
+    };
+    let predict = ["predict", "--model", "m.toml", "--points", "p.csv", "--out", "-", "--add", "tilt.toml"];
+    let diagnose = ["diagnose", "--data", "s.csv", "--model", "m.toml", "--add", "tilt.toml"];
+    for (hash, expected) in
+        [(blake3::hash(MODEL.as_bytes()).to_hex().to_string(), false), ("0123".repeat(16), true)]
+    {
+        beside(&hash);
+        assert_eq!((warned(&predict), warned(&diagnose)), (expected, expected), "{hash}");
+    }
+}
+
+#[test]
 fn a_log_on_another_clock_is_not_used() {
     const COLD: &str = "no temperature that changes by 0.2 K is logged";
     let directory = tempfile::tempdir().unwrap();

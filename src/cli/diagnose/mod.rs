@@ -18,7 +18,7 @@ use self::ideal::Rotary;
 use self::input::Source;
 use self::logs::Logs;
 use self::terms::Compensable;
-use super::additions::{read_addition, same_machine};
+use super::additions::{is_of, read_addition};
 use super::arg_parsers::axis_letter;
 use super::files::{read_hashed_model, write_text};
 use super::{EX_DATAERR, Failure, exit};
@@ -138,14 +138,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model, _)| machine_of(spec, model));
     let mut bar = Bar::new();
     bar.report(0.0, "reading");
+    for (path, addition) in args.add.iter().zip(&additions) {
+        if let Some((_, model, hash)) = &model {
+            is_of(path, addition, (model, hash))?;
+        }
+    }
     let base = args.model.as_ref().zip(model.as_ref());
     let base = base.map(|(path, (.., hash))| Base { file: path.display().to_string(), hash: hash.clone() });
     let (spec, model) = model.map(|(spec, model, _)| (spec, model)).unzip();
-    for (path, addition) in args.add.iter().zip(&additions) {
-        if let Some(model) = &model {
-            same_machine(path, addition, model)?;
-        }
-    }
     let data = if args.data.is_empty() { &args.files } else { &args.data };
     let logs = Logs::read(&args.history)?;
     let (mut session, rotary, stated) = load(args, data, &logs, model.as_ref(), &additions, &machine)?;
