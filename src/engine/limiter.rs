@@ -91,6 +91,8 @@ impl Limiter {
         let inside = target.clamp(-size, size);
         let moved = ((inside - self.last_target) / dt).clamp(-rate, rate);
         let along = self.followed(moved, acceleration * dt);
+        // zero is a wall on the way there only, and there no motion of the target leads outwards
+        let along = along.clamp(if high == 0.0 { 0.0 } else { -rate }, if low == 0.0 { 0.0 } else { rate });
         (self.last_target, self.last_moved, self.along) = (inside, moved, along);
         let error = inside - self.position - along * dt;
         let closing = if error.abs() <= acceleration * dt * dt {
@@ -208,6 +210,25 @@ mod tests {
         assert!((135..=160).contains(&steps), "{steps}");
         assert!(!l.step(0.09, 1e-3));
         assert!(l.is_at_rest());
+    }
+
+    #[test]
+    fn on_the_way_to_zero_an_earlier_motion_of_the_target_never_leads_outwards() {
+        for side in [1.0, -1.0] {
+            let mut l = Limiter::new(LIMITS);
+            l.start_at(side * 0.009);
+            // a target beyond the offset, as that of the correction, and then the way to zero
+            l.step(side * 0.0094, 1e-3);
+            l.brake(1e-3);
+            l.step(l.position(), 1e-3);
+            let mut before = l.position();
+            l.last_moved = side * 0.37;
+            for _ in 0..400 {
+                l.step_to_zero(0.999 * l.position(), 1e-3);
+                assert!(l.position().abs() <= before.abs(), "{} after {before}", l.position());
+                before = l.position();
+            }
+        }
     }
 
     #[test]
