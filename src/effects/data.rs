@@ -3,6 +3,7 @@
 use crate::frame::RotaryFrame;
 use crate::lever::Lever;
 use crate::machine_state::{Axis, Light, Machine, MachineState, SLOTS, Source};
+use crate::polynomial::stable_degree;
 use crate::shape::Shape;
 
 /// Smallest change of a temperature that its effects are looked for with, K.
@@ -33,6 +34,8 @@ pub struct Data {
     pub sees: [bool; 3],
     /// Different positions of each linear axis, in order, mm.
     pub positions: [Vec<f64>; 3],
+    /// Those at which some reading looks along an axis: `[axis that moves][axis looked along]`.
+    pub looked_at: [[Vec<f64>; 3]; 3],
     /// Tool lengths differ.
     pub tools: bool,
     /// A tool length is stated.
@@ -119,9 +122,15 @@ impl Data {
         self.machine.head_axes().any(|a| self.range[a.axis.slot()].is_some())
     }
 
-    /// Those of some degrees for which the different positions of an axis suffice.
-    pub(crate) fn degrees(&self, axis: Axis, all: &[usize]) -> Vec<usize> {
-        all.iter().copied().filter(|d| *d < self.positions[axis.slot()].len()).collect()
+    /// Those of some degrees for which the positions of an axis suffice, so that a curve does not swing between them; with
+    /// `along`, the positions at which readings look along that axis.
+    pub(crate) fn degrees(&self, axis: Axis, along: Option<Axis>, all: &[usize]) -> Vec<usize> {
+        let positions = match along {
+            Some(along) => &self.looked_at[axis.slot()][along.slot()],
+            None => &self.positions[axis.slot()],
+        };
+        let most = stable_degree(positions, all.iter().copied().max().unwrap_or(0));
+        all.iter().copied().filter(|d| *d <= most).collect()
     }
 
     /// What lies between an angular error of an axis and the tool.

@@ -36,7 +36,12 @@ pub(super) fn data(s: &Session) -> Data {
         reverses: of_axes(&|i| spread(&|m| m.direction[i]).is_some_and(|[l, h]| l < 0.0 && h > 0.0)),
         forces: core::array::from_fn(|i| changes(STILL, &|m| m.force_n[i])),
         sees: core::array::from_fn(|i| any(&|m| m.u[i].abs() > SEES)),
-        positions: Axis::LINEAR.map(|a| if moved[a.slot()] { positions(s, a) } else { Vec::new() }),
+        positions: Axis::LINEAR
+            .map(|a| if moved[a.slot()] { positions(s, a, &|_| true) } else { Vec::new() }),
+        looked_at: Axis::LINEAR.map(|a| {
+            let along = |b: Axis| positions(s, a, &|m| m.u[b.slot()].abs() > SEES);
+            Axis::LINEAR.map(|b| if moved[a.slot()] { along(b) } else { Vec::new() })
+        }),
         tools: changes(MOVES[0], &|m| m.tool_length_mm),
         lengths: any(&|m| m.tool_length_mm.is_finite()),
         ranges: changes(MOVES[0], &|m| m.range_mm),
@@ -53,10 +58,10 @@ pub(super) fn data(s: &Session) -> Data {
     }
 }
 
-/// The positions of an axis, mm, in order, each once.
-fn positions(s: &Session, axis: Axis) -> Vec<f64> {
+/// The positions of an axis at some readings, mm, in order, each once.
+fn positions(s: &Session, axis: Axis, of: &dyn Fn(&Moment) -> bool) -> Vec<f64> {
     let um = |m: &Moment| (m.position[axis.slot()] * 1e3 / SAME_UM).round() as i64;
-    let mut seen: Vec<i64> = s.moments.iter().map(um).collect();
+    let mut seen: Vec<i64> = s.moments.iter().filter(|m| of(m)).map(um).collect();
     seen.sort_unstable();
     seen.dedup();
     seen.into_iter().map(|um| um as f64 * SAME_UM * 1e-3).collect()

@@ -43,7 +43,7 @@ pub(crate) static ANGULAR: Effect = Effect {
         }
         let centre_mm = Some(centre_mm);
         let shape = |degree| Angular { about, over, degree, half_mm, centre_mm, lever }.into();
-        data.structural(data.degrees(over, &DEGREES).into_iter().map(shape).collect())
+        data.structural(data.degrees(over, None, &DEGREES).into_iter().map(shape).collect())
     },
 };
 

@@ -31,7 +31,7 @@ pub(crate) static POSITIONING: Effect = Effect {
         let mut shapes = polynomials(data, axis, axis, &TABLE);
         // with more than one setup, other programs tell lost motion from a table: then the two stay apart
         if data.reverses[axis.slot()] && data.one_setup {
-            for high in data.degrees(axis, &BOTH_WAYS) {
+            for high in data.degrees(axis, Some(axis), &BOTH_WAYS) {
                 let reverses = [1, 3, high].into_iter().filter(|r| *r <= high);
                 shapes.extend(
                     reverses.map(|reverse| Reverse { axis, high, reverse, centre_mm, half_mm }.into()),
@@ -63,7 +63,7 @@ pub(crate) static STRAIGHTNESS: Effect = Effect {
 fn polynomials(data: &Data, along: Axis, over: Axis, degrees: &[usize]) -> Vec<Shape> {
     let Some([from, to]) = data.range[over.slot()] else { return Vec::new() };
     let (centre_mm, half_mm) = (0.5 * (from + to), 0.5 * (to - from));
-    let degrees = data.degrees(over, degrees);
+    let degrees = data.degrees(over, Some(along), degrees);
     let of = |low: usize| degrees.iter().map(move |high| (low, *high));
     let shape = |(low, high)| Polynomial { along, over, low, high, centre_mm, half_mm }.into();
     of(2).chain(of(1)).map(shape).collect()

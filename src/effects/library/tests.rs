@@ -49,6 +49,7 @@ fn all_data() -> Data {
         forces: [true; 3],
         sees: [true; 3],
         positions: core::array::from_fn(|_| (-300..=300).map(f64::from).collect()),
+        looked_at: core::array::from_fn(|_| core::array::from_fn(|_| (-300..=300).map(f64::from).collect())),
         tools: true,
         lengths: true,
         ranges: true,
