@@ -44,6 +44,8 @@ pub struct Data {
     pub ranges: bool,
     /// Instruments of each kind of light.
     pub lights: Vec<Light>,
+    /// Some reading is of an angle.
+    pub angular: bool,
     /// Some reading is of a ballbar.
     pub ballbar: bool,
     /// An instrument has a known station.

@@ -18,9 +18,12 @@ pub struct Lever {
 }
 
 impl Lever {
-    /// The vector to the tool tip as the head has turned it, mm.
+    /// The vector to the tool tip as the head has turned it, mm; the lever of an angular reading.
     #[must_use]
     pub fn at(&self, m: &MachineState) -> Vec3 {
+        if m.is_angular() {
+            return m.lever_mm;
+        }
         let mut home = Vec3::from(self.home_mm);
         if self.tool && m.tool_length_mm.is_finite() {
             home.z -= m.tool_length_mm;

@@ -46,6 +46,7 @@ pub(super) fn data(s: &Session) -> Data {
         lengths: any(&|m| m.tool_length_mm.is_finite()),
         ranges: changes(MOVES[0], &|m| m.range_mm),
         lights: Light::ALL.into_iter().filter(|l| any(&|m| m.light == Some(*l))).collect(),
+        angular: any(&|m| m.is_angular()),
         ballbar: any(&|m| m.is_ballbar),
         stations: any(&|m| m.station_mm.iter().all(|v| v.is_finite())),
         one_setup: s.setups.len() == 1,

@@ -3,7 +3,7 @@
 use super::super::constants::FEW;
 use super::super::constants::bounds::{DEGC, DEVIATION_UM, PAUSE_S, TRAVEL_MM};
 use super::super::moment::Axis;
-use super::{Note, Raw, SessionError};
+use super::{Note, Raw, SessionError, is_angular};
 
 /// Columns that every session needs.
 const NEEDED: [(&str, &str); 8] = [
@@ -179,7 +179,8 @@ fn units(raw: &Raw) -> Result<(), SessionError> {
         let what = format!("has an RMS of {size:.0} µm, limit {most:.0}");
         return wrong("deviation_um", what, "are these nm? the column is in µm");
     }
-    if size > 0.0 && size < least {
+    // the lever of an angle is a choice, and so is the size of its displacement
+    if size > 0.0 && size < least && !is_angular(raw) {
         let what = format!("has an RMS of {size:.5} µm, limit {least}");
         return wrong("deviation_um", what, "are these mm? the column is in um: multiply by 1000");
     }

@@ -287,6 +287,11 @@ pub fn is_ballbar(instrument: &str) -> bool {
     name.contains("ballbar") || name.contains("ball bar")
 }
 
+/// True for a file of angles: they are given as displacement at the end of a lever.
+pub(crate) fn is_angular(raw: &Raw) -> bool {
+    raw.column("lever_x_mm").is_some()
+}
+
 /// True for instruments whose mounting is turned by a small unknown angle, not only shifted.
 #[must_use]
 pub fn has_rotation(instrument: &str) -> bool {

@@ -8,7 +8,7 @@ use super::super::constants::bounds::{
 };
 use super::super::constants::{FEW, SEES};
 use super::super::moment::Axis;
-use super::{Note, Raw, SessionError, has_rotation, is_encoder};
+use super::{Note, Raw, SessionError, has_rotation, is_angular, is_encoder};
 
 /// RMS about the mean and RMS of the deviations of each setup with enough of them, um.
 fn sizes(raw: &Raw) -> BTreeMap<i64, (f64, f64)> {
@@ -63,7 +63,7 @@ pub(super) fn of(raw: &Raw) -> Vec<Note> {
     if shifted_only && scatter > DEVIATION_UM[2] {
         say(format!("deviation_um scatters by {scatter:.0} µm RMS: are these nm? the column is in µm"));
     }
-    if scatter > 0.0 && scatter < DEVIATION_UM[1] {
+    if scatter > 0.0 && scatter < DEVIATION_UM[1] && !is_angular(raw) {
         say(format!("deviation_um scatters by {scatter:.3} µm RMS only: are these mm? the column is in µm"));
     }
     if raw.instruments.iter().any(|n| n == UNNAMED) {
@@ -102,7 +102,7 @@ fn positions(raw: &Raw, say: &mut dyn FnMut(String)) {
     for axis in Axis::LINEAR {
         // an angle is given as displacement, but no position along it is seen
         let seen = raw.column(&format!("u_{axis}")).is_some_and(|u| u.iter().any(|v| v.abs() > SEES))
-            && raw.column("lever_x_mm").is_none();
+            && !is_angular(raw);
         match raw.column(&axis.column()) {
             None if seen => say(format!(
                 "no column {}, though readings look along {axis}: nothing that goes with its position can be seen",

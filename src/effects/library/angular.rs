@@ -32,7 +32,7 @@ pub(crate) static ANGULAR: Effect = Effect {
         let crosses = |i: &usize| *i != about.direction() && lever.axes[*i];
         let arm = (0..3).filter(crosses).any(|i| data.range[i].is_some());
         let tool = lever.tool && about != Axis::Z || data.head();
-        if !(arm || tool) {
+        if !(arm || tool || data.angular) {
             let moved: [f64; 3] = unit(about.direction()).cross(&lever.at(&data.first)).into();
             return Err(Hidden {
                 one_lever: moved.map(|d| d.abs() > LEVER_MM),

@@ -54,6 +54,7 @@ fn all_data() -> Data {
         lengths: true,
         ranges: true,
         lights: Light::ALL.into(),
+        angular: true,
         ballbar: true,
         stations: true,
         one_setup: true,
