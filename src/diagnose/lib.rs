@@ -33,10 +33,10 @@ mod stochastic;
 
 use constants::{LITTLE, ROUNDS, SIGNIFICANT, SURE};
 use evidence::Comparison;
-use library::{Kind, Library, Without};
+use library::{Kind, Library, Shape, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, Selection};
-use session::Session;
+use session::{Note, Session};
 
 pub use next::Dialect;
 pub use outcome::{Budget, Correction, Curve, Diagnosis, FittedLine, Level, ProgramResidual};
@@ -112,9 +112,34 @@ pub fn diagnose(
     options: &Options,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
-    let analysis = analyse(session, options, tell);
+    let mut analysis = analyse(session, options, tell);
+    let mut length_um = 0.0;
+    for _ in 0..ROUNDS {
+        let Some(found) = ballbar_length_um(session, &analysis) else { break };
+        length_um += found;
+        let of_ballbar = session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar);
+        of_ballbar.for_each(|(r, _)| r.deviation_um -= found);
+        analysis = analyse(session, options, tell);
+    }
+    if length_um != 0.0 {
+        session.notes.push(Note::new(format!(
+            "readings of the ballbar: a constant of {length_um:.1} µm is taken off as the length of the bar and is no part of the gap"
+        )));
+    }
     tell(0.85, "tests of the causes");
     outcome::conclude(session, fresh, options, &analysis, tell)
+}
+
+/// The length error of the ballbar in a campaign, um, where it is an effect that stands out: a constant of the set-up says
+/// nothing of the machine, and beside a large one the evidence of every other effect counts for little.
+fn ballbar_length_um(session: &Session, analysis: &Analysis) -> Option<f64> {
+    let Analysis { library, problem, selection, comparison: None, .. } = analysis else { return None };
+    let is_length = |v: &usize| matches!(library.variants[*v].shape, Shape::BallbarLength(_));
+    let place = selection.chosen.iter().position(is_length)?;
+    let reading = session.moments.iter().position(|m| m.is_ballbar)?;
+    let length_um = contributions_um(session, problem, library, &selection.chosen)[place][reading];
+    let noise = analysis.noise[session.readings[reading].instrument];
+    (length_um.abs() > SIGNIFICANT * noise.white_um.hypot(noise.drift_um)).then_some(length_um)
 }
 
 fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &str)) -> Analysis {
