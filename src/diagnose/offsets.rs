@@ -1,6 +1,6 @@
 //! The offsets of the mountings: removed before a gap is called large or small, because they say nothing of the machine.
 
-use super::session::{Session, has_rotation};
+use super::session::Session;
 use nalgebra::{DMatrix, DVector};
 use volcomp_model::geometry::Vec3;
 
@@ -15,10 +15,9 @@ pub(super) fn without_offsets(session: &Session, values: &[f64], used: &[bool]) 
     }
     let mut out = vec![f64::NAN; values.len()];
     for rows in by_setup.iter().filter(|r| !r.is_empty()) {
-        let name = &session.instruments[session.readings[rows[0]].instrument];
-        let tracker = has_rotation(name);
+        let rotates = session.rotates(rows[0]);
         let centre = rows.iter().fold(Vec3::zeros(), |c, i| c + place(session, *i)) / rows.len() as f64;
-        let width = if tracker { 6 } else { 3 };
+        let width = if rotates { 6 } else { 3 };
         let mut g = DMatrix::<f64>::zeros(width, width);
         let mut b = DVector::<f64>::zeros(width);
         let line = |i: usize| {

@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use super::super::constants::{FEW, LENGTHS, REPEATS, TIMES};
 use super::super::library::Shape;
 use super::super::moment::{Moment, SLOTS};
-use super::super::session::{Session, has_rotation};
+use super::super::session::Session;
 use super::grouping;
 use volcomp_model::geometry::Vec3;
 
@@ -270,13 +270,10 @@ fn offsets(session: &Session, groups: &[Vec<usize>]) -> DMatrix<f64> {
         let one_line = rows.iter().all(|i| moment(*i).u.dot(&first).abs() > 0.9999);
         if one_line {
             add(&|i| moment(i).u.dot(&first).signum());
-            continue;
+        } else {
+            (0..3).for_each(|d| add(&|i| moment(i).u[d]));
         }
-        for d in 0..3 {
-            add(&|i| moment(i).u[d]);
-        }
-        let name = &session.instruments[session.readings[rows[0]].instrument];
-        if has_rotation(name) {
+        if session.has_reference_line || session.rotates(rows[0]) && !one_line {
             let centre = rows.iter().map(|i| moment(*i).seen_mm()).sum::<Vec3>() / rows.len() as f64;
             for d in 0..3 {
                 add(&|i| ((moment(i).seen_mm() - centre) * 1e-3).cross(&moment(i).u)[d]);

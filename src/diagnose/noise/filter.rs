@@ -8,7 +8,7 @@
 use nalgebra::DMatrix;
 
 use super::super::evidence::{Covariance, mean_of_members};
-use super::super::session::{Session, has_rotation};
+use super::super::session::Session;
 use volcomp_model::geometry::Vec3;
 
 /// Most states: drift, offset, rotation in three directions each.
@@ -125,8 +125,7 @@ impl Filter {
     fn setup(&mut self, session: &Session, noise: &[ClassNoise], rows: &[usize]) {
         let first = &session.moments[rows[0]];
         let one_line = rows.iter().all(|i| session.moments[*i].u.dot(&first.u).abs() > 0.9999);
-        let name = &session.instruments[session.readings[rows[0]].instrument];
-        let rotates = has_rotation(name) && !one_line;
+        let rotates = session.has_reference_line || session.rotates(rows[0]) && !one_line;
         let drifts = rows.iter().any(|i| noise[session.readings[*i].instrument].drift_um > 0.0);
         let each = if one_line { 1 } else { 3 };
         let d = if drifts { each } else { 0 };

@@ -60,6 +60,7 @@ impl Session {
             times: Vec::with_capacity(raws.len()),
             instruments: Vec::new(),
             setups: Vec::new(),
+            has_reference_line: false,
             runs: 0,
             axes: Axis::ALL
                 .into_iter()
@@ -104,6 +105,12 @@ impl Session {
             r.pair = *p;
         }
         session.extra = extra.into_iter().map(|(name, values)| Extra { name, values }).collect();
+        session.has_reference_line = session.is_straightness_test();
+        if session.has_reference_line {
+            session.notes.push(Note::new(
+                "straightness test of one axis: the slope of each set-up is that of its reference line and says nothing of the machine",
+            ));
+        }
         session.history = history;
         session.has_spindle = session.history.sources().contains(&Source::Spindle);
         session.temperatures = session

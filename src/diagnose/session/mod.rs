@@ -15,7 +15,7 @@ mod reflector_location;
 mod tests;
 mod times;
 
-use super::constants::ROWS;
+use super::constants::{MOVES, ROWS, SEES};
 use super::moment::{Axis, Machine, Moment, Signal};
 
 pub use history::History;
@@ -245,6 +245,8 @@ pub struct Session {
     pub instruments: Vec<String>,
     /// Name of each setup, `file:setup`.
     pub setups: Vec<String>,
+    /// Straightness tests of one axis: each set-up has a reference line, whose slope against the axis is unknown.
+    pub has_reference_line: bool,
     /// Number of runs.
     pub runs: usize,
     /// The axes that have a column.
@@ -300,6 +302,29 @@ pub fn has_rotation(instrument: &str) -> bool {
 }
 
 impl Session {
+    /// True where a set-up is turned by a small unknown angle, too: that of a tracker or CMM, or of a reference line.
+    #[must_use]
+    pub(crate) fn rotates(&self, reading: usize) -> bool {
+        self.has_reference_line || has_rotation(&self.instruments[self.readings[reading].instrument])
+    }
+
+    /// True where every set-up looks across the only linear axis that moves in it, the same in all, from which the slope of its
+    /// reference line is not known (ISO 230-1, straightness).
+    fn is_straightness_test(&self) -> bool {
+        let mut spans: Vec<[[f64; 2]; 3]> = vec![[[f64::INFINITY, f64::NEG_INFINITY]; 3]; self.setups.len()];
+        for (r, m) in self.readings.iter().zip(&self.moments) {
+            for ([low, high], p) in spans[r.setup].iter_mut().zip(m.position) {
+                (*low, *high) = (low.min(p), high.max(p));
+            }
+        }
+        let mut moved = spans.iter().flat_map(|axes| (0..3).filter(|k| axes[*k][1] - axes[*k][0] > MOVES[0]));
+        let Some(axis) = moved.next() else { return false };
+        let across = |(r, m): (&Reading, &Moment)| {
+            m.u[axis].abs() < SEES && !m.is_angular() && !is_encoder(&self.instruments[r.instrument])
+        };
+        moved.all(|k| k == axis) && self.readings.iter().zip(&self.moments).all(across)
+    }
+
     /// Measured minus predicted, um.
     #[must_use]
     pub fn gap(&self) -> Vec<f64> {
