@@ -16,8 +16,8 @@ pub fn legendre(s: f64, values: &mut [f64]) {
     }
 }
 
-/// Highest degree, at most `most`, of a least-squares polynomial that between ascending `positions` is nowhere less certain
-/// than a single value at one of them. Where there are few, or wide gaps, one of a higher degree fits the values and swings
+/// Highest degree, at most `most`, of a least-squares polynomial whose standard deviation between ascending `positions` is nowhere
+/// more than [`LEAST_CERTAIN`] times that of a single value at one of them. Where there are few, or wide gaps, one of a higher degree fits the values and swings
 /// in between; of evenly spaced ones the degree grows with the root of their number.
 ///
 /// The variance of the fitted value is `K(s) = SUM q_k(s)^2` of that of a value (Christoffel function), q_k the polynomials
@@ -39,7 +39,7 @@ pub(crate) fn stable_degree(positions: &[f64], most: usize) -> usize {
         for p in nodes.iter_mut().chain(&mut grid) {
             p.advance(scale, centre);
         }
-        if scale < RANK * norm || grid.iter().any(|p| p.variance > 1.0) {
+        if scale < RANK * norm || grid.iter().any(|p| p.variance > LEAST_CERTAIN * LEAST_CERTAIN) {
             return degree.saturating_sub(1);
         }
         scale = nodes.iter().map(|p| p.next * p.next).sum::<f64>().sqrt();
@@ -47,6 +47,9 @@ pub(crate) fn stable_degree(positions: &[f64], most: usize) -> usize {
     most
 }
 
+/// Standard deviation of a curve between positions, in those of a value: beyond it an error of a value returns there enlarged. One:
+/// a table of 21 targets loses the degrees from 10; ten: corrections swing by several times the effect.
+const LEAST_CERTAIN: f64 = 3.0;
 /// Norms below this share of that of a constant are those of polynomials that vanish at all positions.
 const RANK: f64 = 1e-10;
 
@@ -125,18 +128,18 @@ mod tests {
             |n: u32| (0..n).map(|i| f64::from(i) + if i > n / 2 { 500.0 } else { 0.0 }).collect::<Vec<f64>>();
         for positions in [even(5), even(11), even(21), even(41), gap(41)] {
             let degree = stable_degree(&positions, 20);
-            assert!(variance_between(&positions, degree) <= 1.0 + 1e-6, "{} {degree}", positions.len());
+            assert!(variance_between(&positions, degree) <= 9.0 + 1e-6, "{} {degree}", positions.len());
             if degree + 2 < positions.len() && degree < 20 {
                 assert!(
-                    variance_between(&positions, degree + 1) > 1.0 - 1e-6,
+                    variance_between(&positions, degree + 1) > 9.0 - 1e-6,
                     "{} {degree}",
                     positions.len()
                 );
             }
         }
         let of_even = [5, 11, 21, 41, 101].map(|n| stable_degree(&even(n), 20));
-        assert!(of_even.is_sorted() && of_even[0] >= 2 && of_even[1] < 10 && of_even[4] == 20, "{of_even:?}");
-        assert!(stable_degree(&gap(41), 20) < 6);
+        assert!(of_even.is_sorted() && of_even[0] >= 2 && of_even[1] < 9 && of_even[4] == 20, "{of_even:?}");
+        assert!(stable_degree(&gap(41), 20) < 8);
         assert_eq!((stable_degree(&[], 20), stable_degree(&[3.0, 3.0], 20)), (0, 0));
     }
 

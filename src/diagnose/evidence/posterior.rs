@@ -418,7 +418,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         contenders.push(Contender {
             label: *label,
             variant: member.variant,
-            probability: *p,
+            probability: p.min(1.0),
             group_probability: group.min(1.0),
             rivals,
             sums,
