@@ -66,7 +66,11 @@ pub fn one_worn_place(
     selection: &mut Selection,
 ) {
     for axis in Axis::LINEAR {
-        let is_table = |v: &usize| matches!(library.variants[*v].shape, Shape::Polynomial(forms::Polynomial { along, over, .. }) if along == axis && over == axis);
+        let is_table = |v: &usize| match &library.variants[*v].shape {
+            Shape::Polynomial(p) => p.along == axis && p.over == axis,
+            Shape::PositionTable(t) => t.axis == axis,
+            _ => false,
+        };
         let is_curve = |v: &usize| {
             let shape = &library.variants[*v].shape;
             is_table(v)

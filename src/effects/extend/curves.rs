@@ -53,7 +53,9 @@ pub(crate) fn seen(entry: &Entry, axis: Axis) -> Option<[f64; 2]> {
 
 /// Where a table has its points.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Sampling {
+pub(crate) enum Sampling<'a> {
+    /// At these places and at the ends of the travel.
+    At(&'a [f64]),
     /// At the ends of the travel: a straight line.
     Line,
     /// Evenly.
@@ -66,9 +68,14 @@ pub(crate) enum Sampling {
 
 /// The displacement in each direction as a table over one axis. Straight lines go on to the end of the travel, anything
 /// else is held where the data end.
-pub(crate) fn displacements(model: &Extended, entry: &Entry, over: Axis, sampling: Sampling) -> Becomes {
+pub(crate) fn displacements(model: &Extended, entry: &Entry, over: Axis, sampling: Sampling<'_>) -> Becomes {
     let range = travel(&model.spec, entry, over).ok_or(NO_TRAVEL)?;
     let at = match (sampling, seen(entry, over)) {
+        (Sampling::At(places), _) => {
+            let [low, high] = range;
+            let inside = places.iter().copied().filter(|q| *q > low && *q < high);
+            [low].into_iter().chain(inside).chain([high]).collect()
+        }
         (Sampling::Line, _) => positions(range, 2),
         (Sampling::Waves(shortest_mm), _) => {
             let points = (PER_WAVE * (range[1] - range[0]) / shortest_mm).ceil() as usize + 1;

@@ -7,6 +7,8 @@ use crate::prelude::*;
 const TABLE: [usize; 6] = [3, 4, 5, 8, 13, 20];
 const BOTH_WAYS: [usize; 5] = [3, 4, 5, 8, 13];
 const ACROSS: [usize; 4] = [2, 3, 5, 8];
+/// Positions below which a table of values at each stands beside the polynomials: too few to tell a smooth curve from a rough one.
+const FEW: usize = 12;
 /// Curves are held beyond so many half ranges of the data.
 const HELD: f64 = 1.2;
 
@@ -29,6 +31,10 @@ pub(crate) static POSITIONING: Effect = Effect {
         let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
         let (centre_mm, half_mm) = (0.5 * (low + high), 0.5 * (high - low));
         let mut shapes = polynomials(data, axis, axis, &TABLE);
+        let targets = &data.looked_at[axis.slot()][axis.slot()];
+        if (4..FEW).contains(&targets.len()) {
+            shapes.push(PositionTable { axis, targets_mm: targets.clone() }.into());
+        }
         // with more than one setup, other programs tell lost motion from a table: then the two stay apart
         if data.reverses[axis.slot()] && data.one_setup {
             for high in data.degrees(axis, Some(axis), &BOTH_WAYS) {
@@ -120,6 +126,72 @@ impl Form for Polynomial {
 
     fn over(&self) -> Option<Axis> {
         Some(self.over)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}
+
+/// Values at the targets, straight lines between, counted from their least-squares line: a column for each target but the two
+/// at the ends, which the others determine.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct PositionTable {
+    pub axis: Axis,
+    pub targets_mm: Vec<f64>,
+}
+
+impl Form for PositionTable {
+    fn parameters(&self) -> Vec<String> {
+        // the names of coefficients, which say nothing without the curve
+        (1..=self.width()).map(|k| format!("p{k}_um")).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.targets_mm.len().saturating_sub(2)
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let [Some(low), Some(high)] = [self.targets_mm.first(), self.targets_mm.last()] else { return };
+        // held beyond the targets
+        let x = m.position[self.axis.slot()].clamp(*low, *high);
+        let n = self.targets_mm.len() as f64;
+        let mean = self.targets_mm.iter().sum::<f64>() / n;
+        let square: f64 = self.targets_mm.iter().map(|t| (t - mean).powi(2)).sum();
+        for (o, w) in out.iter_mut().zip(self.targets_mm.windows(3)) {
+            let share = if x < w[1] { (x - w[0]) / (w[1] - w[0]) } else { (w[2] - x) / (w[2] - w[1]) };
+            let line = 1.0 / n + (w[1] - mean) * (x - mean) / square;
+            *o = unit(self.axis.direction()) * (share.max(0.0) - line);
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.axis.column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Position(self.axis).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        displacements(model, entry, self.axis, Sampling::At(&self.targets_mm))
+    }
+
+    fn is_valid(&self) -> bool {
+        let is_ascending = self.targets_mm.windows(2).all(|w| w[0] < w[1]);
+        is_ascending
+            && self.targets_mm.iter().all(|x| x.is_finite())
+            && (1..=WIDTH_MAX).contains(&self.width())
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        Some(self.axis)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.axis)
     }
 
     fn is_free_curve(&self) -> bool {
@@ -224,7 +296,10 @@ impl Shape {
     #[must_use]
     pub const fn allows_lines(&self) -> bool {
         let is_line = matches!(self, Self::Squareness { .. } | Self::Scale { .. });
-        let is_counted = matches!(self, Self::Polynomial { .. } | Self::Reverse { .. } | Self::Cyclic { .. });
+        let is_counted = matches!(
+            self,
+            Self::Polynomial { .. } | Self::PositionTable { .. } | Self::Reverse { .. } | Self::Cyclic { .. }
+        );
         !is_line && !is_counted
     }
 

@@ -70,6 +70,7 @@ shapes! {
     scale::RotaryScale,
     curves::Polynomial,
     curves::Reverse,
+    curves::PositionTable,
     angular::Angular,
     expansion::Thermal,
     displacement::Growth,
