@@ -15,7 +15,6 @@ use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
 use crate::numerals::{counted, plain};
-use crate::positioning_data::no_rows;
 use crate::{Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
@@ -108,17 +107,15 @@ pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>, Failur
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
     table.only(known)?;
-    let mut samples = Vec::new();
-    while table.advance()? {
-        samples.push(Sample {
+    table.some_rows(|table| {
+        Ok(Sample {
             angle: rad_from_deg(table.number(angle)?),
             deviation: mm_from_um(table.number(deviation)?),
             travel: table.travel(direction)?,
             feed: feed.map(|c| table.number(c)).transpose()?,
             run: run.map_or(Ok(0), |c| table.count(c))?,
-        });
-    }
-    if samples.is_empty() { Err(no_rows(table.file())) } else { Ok(samples) }
+        })
+    })
 }
 
 fn read(

@@ -15,7 +15,7 @@ use super::{
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
-use crate::positioning_data::{TestColumns, no_rows};
+use crate::positioning_data::TestColumns;
 use crate::report::plot::{Area, Drawn, Part, SHEET_WIDTH, Svg, TITLE, stacked, words};
 use crate::report::{Page, Table};
 use crate::{Failure, table};
@@ -55,20 +55,16 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
     if columns.kind == AxisKind::Rotary {
         return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
-    let mut readings = Vec::new();
-    while table.advance()? {
+    let readings = table.some_rows(|table| {
         let word = table.word(name);
         let Some(diagonal) = Diagonal::parse(&word) else {
             let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
-        let r = columns.reading(&table)?;
+        let r = columns.reading(table)?;
         let (target, deviation) = (r.position, um_from_mm(r.value));
-        readings.push((diagonal, PositioningReading { travel: r.travel, target, deviation }));
-    }
-    if readings.is_empty() {
-        return Err(no_rows(table.file()));
-    }
+        Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
+    })?;
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }
