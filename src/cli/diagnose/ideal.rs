@@ -48,7 +48,7 @@ pub(super) fn model_file(session: &Session, rotary: Option<Rotary>) -> Result<Op
 }
 
 fn internal(e: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_SOFTWARE, format_args!("error: ideal model: {e}"))
+    failure!(EX_SOFTWARE, "ideal model: {e}")
 }
 
 fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result<ModelSpec, Failure> {

@@ -46,15 +46,13 @@ fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<(), Failure> {
     if names.iter().any(|n| is_quantity(n) || n == "instrument") {
         return Ok(());
     }
-    Err(Failure::new(
+    Err(failure!(
         EX_DATAERR,
-        format_args!(
-            "error: {}: neither a session file (its heading has none of the columns t_s, x_mm .. deviation_um) nor a known file of an \
+        "{}: neither a session file (its heading has none of the columns t_s, x_mm .. deviation_um) nor a known file of an \
              instrument or a control\n  \
              hint: read are ISO 230-2 tests (.dat, .rtl, .pos, CSV), circular tests (CSV), plates measured on a CMM, captures of a \
              SINUMERIK Edge (JSON, CSV) and logs of displacement; columns of session files: docs/reference/session-files.md",
-            table.file()
-        ),
+        table.file()
     ))
 }
 
@@ -78,7 +76,7 @@ pub(super) fn read<R: std::io::BufRead>(table: &mut Table<R>) -> Result<Raw, Fai
         raw.lines.push(table.line());
     }
     if raw.lines.is_empty() {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", table.file())));
+        return Err(failure!(EX_DATAERR, "{}: no data rows", table.file()));
     }
     let mut columns = Vec::with_capacity(kept.len());
     for i in kept {
@@ -138,5 +136,5 @@ pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), 
         ),
     };
     let file = session.files.join(", ");
-    Err(Failure::new(EX_DATAERR, format_args!("error: {file}: axis {axis} {what}")))
+    Err(failure!(EX_DATAERR, "{file}: axis {axis} {what}"))
 }

@@ -90,12 +90,12 @@ impl Logs {
                     )))
                 }
                 Some((other, source)) => {
-                    return Err(Failure::new(
+                    return Err(failure!(
                         EX_DATAERR,
-                        format_args!(
-                            "error: {}: {source} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: give those of --fresh files with --fresh-history, diagnose the sessions one by one, or write the values into the columns of their files",
-                            log.file, other.file, raw.file
-                        ),
+                        "{}: {source} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: give those of --fresh files with --fresh-history, diagnose the sessions one by one, or write the values into the columns of their files",
+                        log.file,
+                        other.file,
+                        raw.file
                     ));
                 }
             }

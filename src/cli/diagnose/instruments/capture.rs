@@ -129,11 +129,11 @@ impl Survey {
             }
         }
         if channels.is_empty() {
-            return Err(Failure::usage(format_args!(
+            return Err(usage!(
                 "{}: a capture needs at least one linear axis; name them with --axes, such as x=1,y=2,z=6; the capture has {}",
                 path.display(),
                 known()
-            )));
+            ));
         }
         Ok(channels)
     }
