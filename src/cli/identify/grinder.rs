@@ -187,7 +187,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>> {
 fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Result<()> {
     let spec = chain.spec();
     let planned = plan(chain, axis, args.positions, args.lever_mm).map_err(|e| usage!("--next: {e}"))?;
-    let model = Model::new(spec).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {e}")))?;
+    let model = Model::new(spec).map_err(|e| failure!(EX_CONFIG, "{e}"))?;
     let axes: Vec<AxisName> = spec.chain.axes().iter().map(|a| a.name).collect();
     let (mut header, tail): (Vec<String>, Vec<String>) =
         axes.iter().map(|a| axis_columns(*a)).map(|[position, correction]| (position, correction)).unzip();

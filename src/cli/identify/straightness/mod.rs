@@ -65,10 +65,8 @@ impl Method for Args {
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
-        let mut lines = Vec::with_capacity(3);
-        for rule in Rule::ALL {
-            lines.push((rule.name(), Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?));
-        }
+        let fit = |rule: Rule| Ok((rule.name(), Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?));
+        let mut lines = Rule::ALL.into_iter().map(fit).collect::<Result<Vec<_>>>()?;
         let mut json = json!({});
         for (name, line) in &lines {
             json[*name] = json!({
@@ -188,7 +186,7 @@ impl Found for Outcome<'_> {
 }
 
 fn mistake(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_CONFIG, format_args!("error: {what}"))
+    failure!(EX_CONFIG, "{what}")
 }
 
 /// Compares a tilt test with the table, or makes the table from it.

@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::of_geometry;
 use crate::identify::motion_curves::{Motions, Report};
 use crate::identify::tracker_points::{Frame, Registered};
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
@@ -122,19 +123,13 @@ impl Report for Threepoint {
 
     fn json(&self, motions: Value) -> Value {
         let g = &self.fit.poses[0].geometry;
+        let mut geometry = of_geometry(g);
+        geometry["off_line_rms"] = json!(g.off_line_rms);
         json!({
             "motions": motions,
             "workpiece_side": self.workpiece_side,
             "points": self.names,
-            "geometry": {
-                "rank": g.rank,
-                "rms_radius": g.rms_radius,
-                "singular_values_scaled": g.singular_values,
-                "condition_scaled": g.condition_scaled,
-                "condition_centroid": g.condition_centroid,
-                "off_line_rms": g.off_line_rms,
-                "roll_growth": g.roll_growth,
-            },
+            "geometry": geometry,
             "rigidity": {
                 "chi2": self.fit.chi2,
                 "dof": self.fit.dof,
