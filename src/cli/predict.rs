@@ -172,13 +172,11 @@ impl Columns {
             return Err(table.fail(length, "tool_x_mm .. and tool_length_mm both place the tip; keep one"));
         }
         if found.axes.is_empty() {
-            return Err(Failure::new(
+            return Err(failure!(
                 EX_DATAERR,
-                format_args!(
-                    "error: {}: no column with an axis of the chain; columns are {}",
-                    table.file(),
-                    known.join(", ")
-                ),
+                "{}: no column with an axis of the chain; columns are {}",
+                table.file(),
+                known.join(", ")
             ));
         }
         Ok(found)
