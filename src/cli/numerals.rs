@@ -21,6 +21,12 @@ pub(crate) fn signed(v: f64, decimals: usize) -> String {
     if is_zero || text.starts_with('-') { text } else { format!("+{text}") }
 }
 
+/// Lowest and highest of some values; infinite where there is none.
+pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    values.into_iter().fold(ends, |(l, h), v| (l.min(v), h.max(v))).into()
+}
+
 /// Words for a person: `µm` where a key says `um`.
 pub(crate) fn micro(words: &str) -> String {
     let word = |w: &str| {

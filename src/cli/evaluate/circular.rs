@@ -9,7 +9,8 @@ use serde_json::{Map, Value, json};
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, before_and_after, put_before, side_by_side, values,
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, put_before, side_by_side,
+    values,
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
@@ -180,10 +181,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let old = before.as_ref().map(|b| assessed(&Acceptance::default(), &b.result, b.uncertainties));
     let title = args.output.title("Circular test");
     let after_shown = after.shown(args.plane, args.radius_mm);
-    let pictures = match &before {
-        Some(b) => vec![("before", b.shown(args.plane, args.radius_mm)), ("after, same scale", after_shown)],
-        None => vec![("", after_shown)],
-    };
+    let pictures = headed(before.as_ref().map(|b| b.shown(args.plane, args.radius_mm)), after_shown);
     let division = drawing::scale(pictures.iter().map(|(_, shown)| shown));
     args.output.deliver(
         || drawing::whole(title, &pictures, division),
