@@ -14,6 +14,7 @@ use super::columns::{self, Column, Columns, RunColumns};
 use super::method::{Found, Front, Method, printed};
 use crate::arg_parsers::{linear_axis, point};
 use crate::files::write_text;
+use crate::numerals::hull;
 use crate::units::{Units, column, key};
 use crate::{EX_CONFIG, Failure, Result};
 use volcomp_identify::Reading;
@@ -140,7 +141,8 @@ impl ErrorFigures {
                 lines.push((rule, line));
             }
         }
-        Ok(Self { symbol, range: range(&y), lines })
+        let [low, high] = hull(y);
+        Ok(Self { symbol, range: high - low, lines })
     }
 }
 
@@ -377,10 +379,4 @@ fn move_to_base(
         }
     }
     Ok(())
-}
-
-fn range(values: &[f64]) -> f64 {
-    let (low, high) =
-        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    high - low
 }
