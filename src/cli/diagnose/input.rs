@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::instruments::{self, InstrumentArgs, Measurement};
 use crate::input::{self, InputKind};
+use crate::numerals::hull;
 use crate::table::{self, Table};
 use crate::{EX_DATAERR, Failure};
 use volcomp_diagnose::machine_state::Axis;
@@ -111,8 +112,7 @@ fn as_plan(raw: &mut Raw) {
 /// The control's own encoders do not see the structure: there a note says what cannot be searched for.
 pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), Failure> {
     let turns = |a: &Axis| {
-        let angles = session.moments.iter().map(|m| m.position[a.slot()]);
-        let (low, high) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        let [low, high] = hull(session.moments.iter().map(|m| m.position[a.slot()]));
         high - low > TURNED_RAD
     };
     let stands = |a: &Axis| model.is_some_and(|m| m.axes().any(|b| b.name == a.name()));

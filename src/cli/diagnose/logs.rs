@@ -113,8 +113,7 @@ fn folder_of(file: &str) -> Option<PathBuf> {
 
 /// First and last time of the readings, s.
 fn span(raw: &Raw) -> [f64; 2] {
-    let t = raw.column("t_s").unwrap_or(&[]);
-    t.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)])
+    crate::numerals::hull(raw.column("t_s").unwrap_or(&[]).iter().copied())
 }
 
 /// What the rows of a session say of temperatures themselves; a spindle that stops for each reading contradicts no log.

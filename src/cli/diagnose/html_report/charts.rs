@@ -6,7 +6,7 @@ use volcomp_diagnose::session::Session;
 use volcomp_diagnose::{Curve, Diagnosis};
 
 use crate::diagnose::terms::{capital, name_of_label};
-use crate::numerals::counted;
+use crate::numerals::{counted, hull};
 
 /// Readings of a chart, at most.
 const POINTS: usize = 700;
@@ -160,8 +160,7 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
 }
 
 fn extent(values: &[f64]) -> f64 {
-    let finite = values.iter().filter(|v| v.is_finite());
-    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let [low, high] = hull(values.iter().copied().filter(|v| v.is_finite()));
     if high > low { high - low } else { 0.0 }
 }
 

@@ -30,8 +30,7 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
             names.extend([format!("v{letter}_mm_per_s"), format!("a{letter}_mm_per_s2")]);
         }
     }
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let mut rows = Rows::new(path, &names);
+    let mut rows = Rows::new(path, names);
     let (mut run, mut runs_before) = (0.0, Vec::<(bool, u64)>::new());
     let (mut t, mut repeat) = (0.0, 1.0);
     let mut last: Option<&Sample> = None;

@@ -85,7 +85,7 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     let mut names =
         vec!["t_s", "setup", "run", "repeat", "x_mm", "moving", "u_x", "u_y", "u_z", "deviation_um"];
     names.extend(sources.iter().map(|(_, n)| n.as_str()));
-    let mut rows = Rows::new(path, &names);
+    let mut rows = Rows::new(path, names);
     while table.advance()? {
         let at = table.number(t)?;
         let rest = sources.iter().map(|(i, _)| table.number_or_empty(*i));

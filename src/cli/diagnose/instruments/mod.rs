@@ -171,8 +171,8 @@ struct Rows {
 }
 
 impl Rows {
-    fn new(path: &Path, names: &[&str]) -> Self {
-        let names: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+    fn new(path: &Path, names: impl IntoIterator<Item: Into<String>>) -> Self {
+        let names: Vec<String> = names.into_iter().map(Into::into).collect();
         let columns = vec![Vec::new(); names.len()];
         Self { raw: Raw { file: path.display().to_string(), names, columns, ..Raw::default() } }
     }

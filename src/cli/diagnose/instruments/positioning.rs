@@ -49,7 +49,7 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
     let direction = format!("dir_{letter}");
     let mut names = vec!["t_s", "setup", "run", "repeat", "moving", &column, &direction];
     names.extend(["u_x", "u_y", "u_z", "deviation_um", "outlier"]);
-    let mut rows = Rows::new(path, &names);
+    let mut rows = Rows::new(path, names);
     // a rotary axis moves a point along the next direction: c moves a point on x along y
     let u = along(if linear { axis.direction() } else { (axis.direction() + 2) % 3 });
     let (mut run, mut before) = (0.0, None);
