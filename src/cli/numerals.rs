@@ -1,4 +1,4 @@
-//! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`.
+//! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`; and their extremes.
 
 /// `1 reading`, `2 readings`.
 pub(crate) fn counted(n: usize, what: &str) -> String {

@@ -5,7 +5,7 @@ use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
-pub(crate) use crate::numerals::hull;
+use crate::numerals::hull;
 
 /// The first series.
 pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);

@@ -4,8 +4,9 @@
 use plotters::prelude::*;
 
 use crate::evaluate::headed;
+use crate::numerals::hull;
 use crate::report::plot::{
-    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, hull, legend, stacked,
+    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, stacked,
     stacked_tests, with_room, words,
 };
 use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
