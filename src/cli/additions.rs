@@ -68,7 +68,7 @@ impl Additions {
             is_of(path, &addition, (model, hash))?;
             addition
                 .require(&|column| table.find(column).is_some() || is_still(column, table))
-                .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", table.file())))?;
+                .map_err(|e| failure!(EX_DATAERR, "{}: {e}", table.file()))?;
             all.push(addition);
         }
         let evaluator = Evaluator::new(&all);

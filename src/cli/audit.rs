@@ -108,12 +108,10 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
                     json!({"intact": false, "line": line, "fault": fault.to_string(), "last_good": last_good})
                 );
             }
-            Err(Failure::new(
+            Err(failure!(
                 EX_DATAERR,
-                format_args!(
-                    "error: {file}:{line}: {fault}\n  hint: everything up to line {good} is as it was written; compare its \
+                "{file}:{line}: {fault}\n  hint: everything up to line {good} is as it was written; compare its \
                      hash {hash} with the journal"
-                ),
             ))
         }
     }
@@ -136,12 +134,10 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
 }
 
 fn not_a_line(path: &Path, line: usize, error: &serde_json::Error) -> Failure {
-    Failure::new(
+    failure!(
         EX_DATAERR,
-        format_args!(
-            "error: {}:{line}: not a line of an audit log: {error}\n  hint: volcomp audit verify",
-            path.display()
-        ),
+        "{}:{line}: not a line of an audit log: {error}\n  hint: volcomp audit verify",
+        path.display()
     )
 }
 

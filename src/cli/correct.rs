@@ -99,8 +99,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         request.work_offset[index(axis)?] = inside(*axis, *value);
     }
     let text = input::read_text(&args.gcode, InputKind::PartProgram)?;
-    let corrected = correct(&text, &request)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}:{e}", args.gcode.display())))?;
+    let corrected =
+        correct(&text, &request).map_err(|e| failure!(EX_DATAERR, "{}:{e}", args.gcode.display()))?;
     write_text(&args.out, &corrected.text)?;
     if args.json {
         say!("{:#}", Value::Object(as_json(&model, &corrected)));

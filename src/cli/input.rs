@@ -220,10 +220,7 @@ pub fn open(path: &Path, kind: InputKind) -> Result<Input, Failure> {
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(io)?;
     let metadata = file.metadata().map_err(io)?;
     if metadata.is_dir() {
-        return Err(Failure::new(
-            EX_IOERR,
-            format_args!("error: {}: is a directory; expected {}", path.display(), kind.name()),
-        ));
+        return Err(failure!(EX_IOERR, "{}: is a directory; expected {}", path.display(), kind.name()));
     }
     let length = metadata.is_file().then_some(metadata.len());
     if let Some(bytes) = length.filter(|bytes| *bytes > kind.limit()) {
@@ -247,13 +244,11 @@ fn first_bytes(path: &Path, mut file: &File) -> Result<Vec<u8>, Failure> {
         match file.read(&mut bytes) {
             Ok(0) if is_anonymous => return Ok(Vec::new()),
             Ok(0) if begun.elapsed() >= WRITER_TIMEOUT => {
-                return Err(Failure::new(
+                return Err(failure!(
                     EX_IOERR,
-                    format_args!(
-                        "error: {}: nothing was written into this FIFO for {} s\n  hint: start the program that writes it, then try again",
-                        path.display(),
-                        WRITER_TIMEOUT.as_secs()
-                    ),
+                    "{}: nothing was written into this FIFO for {} s\n  hint: start the program that writes it, then try again",
+                    path.display(),
+                    WRITER_TIMEOUT.as_secs()
                 ));
             }
             Ok(0) => std::thread::sleep(WRITER_POLL),
@@ -300,13 +295,11 @@ pub(super) fn read_rest(path: &Path, mut input: Input, mut bytes: Vec<u8>) -> Re
 /// Makes room without ending the program where there is none.
 fn reserve(path: &Path, bytes: &mut Vec<u8>, more: usize) -> Result<(), Failure> {
     bytes.try_reserve_exact(more).map_err(|_| {
-        Failure::new(
+        failure!(
             EX_IOERR,
-            format_args!(
-                "error: {}: not enough memory for {} bytes\n  hint: read it on a computer with more memory",
-                path.display(),
-                bytes.len().saturating_add(more)
-            ),
+            "{}: not enough memory for {} bytes\n  hint: read it on a computer with more memory",
+            path.display(),
+            bytes.len().saturating_add(more)
         )
     })
 }
@@ -323,10 +316,7 @@ pub fn read_text(path: &Path, kind: InputKind) -> Result<String, Failure> {
 pub(super) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String, Failure> {
     String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
-        Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}:{line}: not UTF-8 text; save the file as UTF-8", path.display()),
-        )
+        failure!(EX_DATAERR, "{}:{line}: not UTF-8 text; save the file as UTF-8", path.display())
     })
 }
 

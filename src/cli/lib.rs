@@ -14,6 +14,13 @@ macro_rules! note {
     ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };
 }
 
+/// A failure with its exit code, in the words of `format!`.
+macro_rules! failure {
+    ($code:expr, $($text:tt)*) => {
+        $crate::Failure::new($code, format_args!("error: {}", format_args!($($text)*)))
+    };
+}
+
 /// A wrong command line, in the words of `format!`.
 macro_rules! usage {
     ($($text:tt)*) => { $crate::Failure::usage(format_args!($($text)*)) };

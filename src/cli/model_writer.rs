@@ -80,7 +80,7 @@ impl ModelWriter {
 /// Bad data in one of several files.
 pub(super) fn data_error(files: &[PathBuf], what: impl core::fmt::Display) -> Failure {
     let names: Vec<String> = files.iter().map(|p| p.display().to_string()).collect();
-    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", names.join(", ")))
+    failure!(EX_DATAERR, "{}: {what}", names.join(", "))
 }
 
 /// Puts an error in its place, with where it came from.

@@ -1,4 +1,4 @@
-//! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`.
+//! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`; and their extremes.
 
 /// `1 reading`, `2 readings`.
 pub(crate) fn counted(n: usize, what: &str) -> String {
@@ -19,6 +19,12 @@ pub(crate) fn signed(v: f64, decimals: usize) -> String {
     let text = plain(v, decimals);
     let is_zero = text.bytes().all(|b| matches!(b, b'0' | b'.'));
     if is_zero || text.starts_with('-') { text } else { format!("+{text}") }
+}
+
+/// Lowest and highest of some values; infinite where there is none.
+pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    values.into_iter().fold(ends, |(l, h), v| (l.min(v), h.max(v))).into()
 }
 
 /// Words for a person: `µm` where a key says `um`.

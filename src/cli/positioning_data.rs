@@ -212,10 +212,7 @@ pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningT
 pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest, Failure> {
     iso230_dat::parse(text).map_err(|e| {
         let place = if e.line == 0 { String::new() } else { format!("{}:{}: ", e.line, e.column) };
-        Failure::new(
-            EX_DATAERR,
-            format_args!("error: {file}:{place}{}{}", if e.line == 0 { " " } else { "" }, e.kind),
-        )
+        failure!(EX_DATAERR, "{file}:{place}{}{}", if e.line == 0 { " " } else { "" }, e.kind)
     })
 }
 

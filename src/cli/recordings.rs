@@ -38,12 +38,11 @@ pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>, Failure> {
     let runs = parsed.windows(2).find(|w| w[0].meta.run != w[1].meta.run);
     if let Some([a, b]) = runs {
         let [first, second] = [a, b].map(|file| file.path.display());
-        return Err(Failure::new(
+        return Err(failure!(
             EX_DATAERR,
-            format_args!(
-                "error: {first} and {second} are of two runs of the daemon ({} and {}): give the files of one run at a time",
-                a.meta.run, b.meta.run
-            ),
+            "{first} and {second} are of two runs of the daemon ({} and {}): give the files of one run at a time",
+            a.meta.run,
+            b.meta.run
         ));
     }
     Ok(parsed)

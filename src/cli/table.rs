@@ -8,6 +8,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::input::{self, InputKind, ROWS_MAX};
+use super::positioning_data::no_rows;
 use super::progress::Progress;
 use super::{EX_DATAERR, Failure};
 use volcomp_formats::text::finite;
@@ -79,9 +80,10 @@ impl<R: BufRead> Table<R> {
             rows_left: ROWS_MAX,
         };
         if !table.next_line()? {
-            return Err(Failure::new(
+            return Err(failure!(
                 EX_DATAERR,
-                format_args!("error: {}: the file is empty; the first line names the columns", table.file),
+                "{}: the file is empty; the first line names the columns",
+                table.file
             ));
         }
         table.split();
@@ -180,6 +182,18 @@ impl<R: BufRead> Table<R> {
         Ok(true)
     }
 
+    /// What `read` makes of every row, of which there must be one.
+    pub(super) fn some_rows<T>(
+        &mut self,
+        mut read: impl FnMut(&Self) -> Result<T, Failure>,
+    ) -> Result<Vec<T>, Failure> {
+        let mut rows = Vec::new();
+        while self.advance()? {
+            rows.push(read(self)?);
+        }
+        if rows.is_empty() { Err(no_rows(&self.file)) } else { Ok(rows) }
+    }
+
     /// A finite number.
     #[inline]
     pub(super) fn number(&self, column: usize) -> Result<f64, Failure> {
@@ -227,7 +241,7 @@ impl<R: BufRead> Table<R> {
     /// An error about the current line.
     #[cold]
     fn bad(&self, what: impl core::fmt::Display) -> Failure {
-        Failure::new(EX_DATAERR, format_args!("error: {}:{}: {what}", self.file, self.line))
+        failure!(EX_DATAERR, "{}:{}: {what}", self.file, self.line)
     }
 
     /// An error about a field of the current row.
@@ -240,7 +254,7 @@ impl<R: BufRead> Table<R> {
             _ => 1,
         };
         let name = self.columns.get(column).map_or(String::new(), |c| format!("{c}: "));
-        Failure::new(EX_DATAERR, format_args!("error: {}:{}:{at}: {name}{what}", self.file, self.line))
+        failure!(EX_DATAERR, "{}:{}:{at}: {name}{what}", self.file, self.line)
     }
 
     #[cold]

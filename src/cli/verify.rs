@@ -390,8 +390,10 @@ fn read_motions(path: &Path) -> Result<Vec<Motion>, Failure> {
     let (columns, mut motions): (Vec<usize>, Vec<Motion>) =
         columns.map(|(i, name)| (i, Motion { name: name.clone(), rows: Vec::new() })).unzip();
     if columns.is_empty() {
-        let what = "no column with error motions such as eyx_um; --help names the kinds of files";
-        return Err(Failure::data(path, what));
+        return Err(data!(
+            path,
+            "no column with error motions such as eyx_um; --help names the kinds of files"
+        ));
     }
     while table.advance()? {
         let q = table.number(position)?;

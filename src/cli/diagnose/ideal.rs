@@ -48,7 +48,7 @@ pub(super) fn model_file(session: &Session, rotary: Option<Rotary>) -> Result<Op
 }
 
 fn internal(e: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_SOFTWARE, format_args!("error: ideal model: {e}"))
+    failure!(EX_SOFTWARE, "ideal model: {e}")
 }
 
 fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result<ModelSpec, Failure> {
@@ -68,7 +68,6 @@ fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result
 
 /// Range of the positions of an axis; none where it stands still.
 pub(super) fn travel(session: &Session, axis: Axis) -> Option<[f64; 2]> {
-    let positions = session.moments.iter().map(|m| m.position[axis.slot()]);
-    let [low, high] = positions.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
+    let [low, high] = crate::numerals::hull(session.moments.iter().map(|m| m.position[axis.slot()]));
     (low < high).then_some([low, high])
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::instruments::{self, InstrumentArgs, Measurement};
 use crate::input::{self, InputKind};
+use crate::numerals::hull;
 use crate::table::{self, Table};
 use crate::{EX_DATAERR, Failure};
 use volcomp_diagnose::machine_state::Axis;
@@ -46,15 +47,13 @@ fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<(), Failure> {
     if names.iter().any(|n| is_quantity(n) || n == "instrument") {
         return Ok(());
     }
-    Err(Failure::new(
+    Err(failure!(
         EX_DATAERR,
-        format_args!(
-            "error: {}: neither a session file (its heading has none of the columns t_s, x_mm .. deviation_um) nor a known file of an \
+        "{}: neither a session file (its heading has none of the columns t_s, x_mm .. deviation_um) nor a known file of an \
              instrument or a control\n  \
              hint: read are ISO 230-2 tests (.dat, .rtl, .pos, CSV), circular tests (CSV), plates measured on a CMM, captures of a \
              SINUMERIK Edge (JSON, CSV) and logs of displacement; columns of session files: docs/reference/session-files.md",
-            table.file()
-        ),
+        table.file()
     ))
 }
 
@@ -78,7 +77,7 @@ pub(super) fn read<R: std::io::BufRead>(table: &mut Table<R>) -> Result<Raw, Fai
         raw.lines.push(table.line());
     }
     if raw.lines.is_empty() {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", table.file())));
+        return Err(failure!(EX_DATAERR, "{}: no data rows", table.file()));
     }
     let mut columns = Vec::with_capacity(kept.len());
     for i in kept {
@@ -113,8 +112,7 @@ fn as_plan(raw: &mut Raw) {
 /// The control's own encoders do not see the structure: there a note says what cannot be searched for.
 pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), Failure> {
     let turns = |a: &Axis| {
-        let angles = session.moments.iter().map(|m| m.position[a.slot()]);
-        let (low, high) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        let [low, high] = hull(session.moments.iter().map(|m| m.position[a.slot()]));
         high - low > TURNED_RAD
     };
     let stands = |a: &Axis| model.is_some_and(|m| m.axes().any(|b| b.name == a.name()));
@@ -138,5 +136,5 @@ pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), 
         ),
     };
     let file = session.files.join(", ");
-    Err(Failure::new(EX_DATAERR, format_args!("error: {file}: axis {axis} {what}")))
+    Err(failure!(EX_DATAERR, "{file}: axis {axis} {what}"))
 }

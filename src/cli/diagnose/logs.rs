@@ -90,12 +90,12 @@ impl Logs {
                     )))
                 }
                 Some((other, source)) => {
-                    return Err(Failure::new(
+                    return Err(failure!(
                         EX_DATAERR,
-                        format_args!(
-                            "error: {}: {source} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: give those of --fresh files with --fresh-history, diagnose the sessions one by one, or write the values into the columns of their files",
-                            log.file, other.file, raw.file
-                        ),
+                        "{}: {source} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: give those of --fresh files with --fresh-history, diagnose the sessions one by one, or write the values into the columns of their files",
+                        log.file,
+                        other.file,
+                        raw.file
                     ));
                 }
             }
@@ -113,8 +113,7 @@ fn folder_of(file: &str) -> Option<PathBuf> {
 
 /// First and last time of the readings, s.
 fn span(raw: &Raw) -> [f64; 2] {
-    let t = raw.column("t_s").unwrap_or(&[]);
-    t.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)])
+    crate::numerals::hull(raw.column("t_s").unwrap_or(&[]).iter().copied())
 }
 
 /// What the rows of a session say of temperatures themselves; a spindle that stops for each reading contradicts no log.

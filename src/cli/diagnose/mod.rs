@@ -19,7 +19,6 @@ use self::input::Source;
 use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{is_of, read_addition};
-use super::arg_parsers::axis_letter;
 use super::files::{read_hashed_model, write_text};
 use super::{EX_DATAERR, Failure, exit};
 use volcomp_diagnose::library::{Label, Without};
@@ -29,7 +28,6 @@ use volcomp_effects::addition::{Addition, Base};
 use volcomp_effects::machine_state::{Machine, MachineAxis};
 use volcomp_effects::prediction::machine_of;
 use volcomp_model::Model;
-use volcomp_units::axes::AxisName;
 use volcomp_units::deg_from_rad;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
@@ -177,9 +175,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     found.addition.base = base;
     bar.end();
     let json = serde_json::to_string_pretty(&found.report)
-        .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: report.json: {e}")))?;
-    let text = toml::to_string(&found.addition)
-        .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: addition.toml: {e}")))?;
+        .map_err(|e| failure!(super::EX_SOFTWARE, "report.json: {e}"))?;
+    let text =
+        toml::to_string(&found.addition).map_err(|e| failure!(super::EX_SOFTWARE, "addition.toml: {e}"))?;
     let compensable = Compensable::of(&found, spec.as_ref());
     if let Some(out) = &args.out {
         #[expect(clippy::disallowed_methods, reason = "the folder of the results is made")]
@@ -224,16 +222,15 @@ fn load(
     let (history, notes) = logs.of(&raws)?;
     let ideal = rotary.filter(|_| model.is_none()).map(ideal::rotary_machine).transpose()?;
     let machine = ideal.as_ref().map_or(machine, |(machine, _)| machine);
-    let mut session = Session::build(&raws, history, machine.clone())
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
+    let mut session =
+        Session::build(&raws, history, machine.clone()).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     let stated = detected.len();
     session.notes.splice(0..0, detected);
     session.notes.extend(notes);
     session.notes.extend(outside_travel(&session, machine));
     input::chain(&mut session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
     if model.is_some() || !additions.is_empty() {
-        predict(&mut session, model, additions)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
+        predict(&mut session, model, additions).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     }
     Ok((session, rotary, stated))
 }
@@ -257,11 +254,6 @@ fn outside_travel(session: &Session, machine: &Machine) -> Vec<Note> {
         })
     };
     machine.axes.iter().filter_map(leaves).collect()
-}
-
-/// An axis letter of `--only` or `--axis`.
-fn letter(text: &str) -> Result<AxisName, String> {
-    axis_letter(text)
 }
 
 /// Progress on stderr: one line that is written over on a terminal, nothing otherwise.

@@ -252,9 +252,9 @@ pub(super) fn headline(found: &Diagnosis) -> String {
         .collect();
     let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
     let s = &r.shrink;
+    let (verb, them) = if names.len() == 1 { ("explains", "it") } else { ("explain", "them") };
     let after = format!(
-        "correcting {} is expected to leave {} µm RMS ({} % less, 90 % interval {} to {} %)",
-        if names.len() == 1 { "it" } else { "them" },
+        "correcting {them} is expected to leave {} µm RMS ({} % less, 90 % interval {} to {} %)",
         um(s.rms_after_um),
         number(100.0 * s.fraction, 0),
         number(100.0 * s.ci90[0], 0),
@@ -265,26 +265,20 @@ pub(super) fn headline(found: &Diagnosis) -> String {
             format!("No significant gap: {gap} µm RMS, with a measurement noise of {noise} µm.")
         }
         Verdict::Unexplained if !names.is_empty() => format!(
-            "The gap of {gap} µm RMS exceeds the noise of {noise} µm. Established: {}; correcting {} takes out only {} % of it, \
+            "The gap of {gap} µm RMS exceeds the noise of {noise} µm. Established: {}; correcting {them} takes out only {} % of it, \
              the rest is unexplained.",
             listed(&names),
-            if names.len() == 1 { "it" } else { "them" },
             number((100.0 * s.fraction).max(0.0), 0)
         ),
         Verdict::Unexplained => {
             format!("The gap of {gap} µm RMS exceeds the noise of {noise} µm, and no cause is established.")
         }
         Verdict::Explained => {
-            let verb = if names.len() == 1 { "explains" } else { "explain" };
             capital(&format!("{} {verb} the gap of {gap} µm RMS; {after}.", listed(&names)))
         }
         Verdict::PartlyExplained => {
-            let verb = if names.len() == 1 { "explains" } else { "explain" };
-            capital(&format!(
-                "{} {verb} part of the gap of {gap} µm RMS; {after}, of which {}.",
-                listed(&names),
-                unexplained(found)
-            ))
+            let (causes, rest) = (listed(&names), unexplained(found));
+            capital(&format!("{causes} {verb} part of the gap of {gap} µm RMS; {after}, of which {rest}."))
         }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::numerals::counted;
-use crate::{EX_USAGE, Failure, exit};
+use crate::{Failure, exit};
 use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::{EFFECTS, Effect, Kind};
 use volcomp_diagnose::plan::PlanReport;
@@ -49,10 +49,7 @@ pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
     let stem = name.split(':').next().unwrap_or(name).to_ascii_lowercase();
     let Some(e) = Effect::find(&stem) else {
         let names: Vec<&str> = EFFECTS.iter().map(|e| e.name).collect();
-        return Err(Failure::new(
-            EX_USAGE,
-            format_args!("error: --list-effects {name}: no such effect; effects are {}", names.join(", ")),
-        ));
+        return Err(usage!("--list-effects {name}: no such effect; effects are {}", names.join(", ")));
     };
     say!("{}", with_subject(e));
     say!("  also called     {}", e.synonyms.split(' ').collect::<Vec<_>>().join(", "));
@@ -229,8 +226,7 @@ fn doubts(c: &Cause) {
 /// What a plan sees.
 pub(super) fn plan(p: &PlanReport, json: bool) -> Result<(), Failure> {
     if json {
-        let text = serde_json::to_string_pretty(p)
-            .map_err(|e| Failure::new(crate::EX_SOFTWARE, format_args!("error: {e}")))?;
+        let text = serde_json::to_string_pretty(p).map_err(|e| failure!(crate::EX_SOFTWARE, "{e}"))?;
         return exit::print(&format!("{text}\n"));
     }
     let (rows, setups, seen) =

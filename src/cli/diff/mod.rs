@@ -61,7 +61,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let files = [read_model_file(&args.first)?, read_model_file(&args.second)?];
     let steps = Steps::new();
     let found = compare(&files[0].spec, &files[1].spec, |done, of| steps.show(done, of))
-        .map_err(|e| Failure::new(super::EX_CONFIG, format_args!("error: {e}")))?;
+        .map_err(|e| failure!(super::EX_CONFIG, "{e}"))?;
     steps.clear();
     let names = [&args.first, &args.second].map(|p| p.display().to_string());
     let diff = Diff { names, files, found };

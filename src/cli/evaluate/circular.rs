@@ -9,13 +9,13 @@ use serde_json::{Map, Value, json};
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, before_and_after, put_before, side_by_side, values,
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, put_before, side_by_side,
+    values,
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
 use crate::numerals::{counted, plain};
-use crate::positioning_data::no_rows;
 use crate::{Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
@@ -108,17 +108,15 @@ pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>, Failur
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
     table.only(known)?;
-    let mut samples = Vec::new();
-    while table.advance()? {
-        samples.push(Sample {
+    table.some_rows(|table| {
+        Ok(Sample {
             angle: rad_from_deg(table.number(angle)?),
             deviation: mm_from_um(table.number(deviation)?),
             travel: table.travel(direction)?,
             feed: feed.map(|c| table.number(c)).transpose()?,
             run: run.map_or(Ok(0), |c| table.count(c))?,
-        });
-    }
-    if samples.is_empty() { Err(no_rows(table.file())) } else { Ok(samples) }
+        })
+    })
 }
 
 fn read(
@@ -183,10 +181,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let old = before.as_ref().map(|b| assessed(&Acceptance::default(), &b.result, b.uncertainties));
     let title = args.output.title("Circular test");
     let after_shown = after.shown(args.plane, args.radius_mm);
-    let pictures = match &before {
-        Some(b) => vec![("before", b.shown(args.plane, args.radius_mm)), ("after, same scale", after_shown)],
-        None => vec![("", after_shown)],
-    };
+    let pictures = headed(before.as_ref().map(|b| b.shown(args.plane, args.radius_mm)), after_shown);
     let division = drawing::scale(pictures.iter().map(|(_, shown)| shown));
     args.output.deliver(
         || drawing::whole(title, &pictures, division),

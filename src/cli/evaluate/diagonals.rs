@@ -9,14 +9,14 @@ use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, before_and_after, change, percent, put_before, show,
+    CompareOptions, Compared, Figures, Output, before_and_after, change, headed, percent, put_before, show,
     side_by_side,
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
-use crate::positioning_data::{TestColumns, no_rows};
-use crate::report::plot::{Area, Drawn, Part, SHEET_WIDTH, Svg, TITLE, stacked, words};
+use crate::positioning_data::TestColumns;
+use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
 use crate::report::{Page, Table};
 use crate::{Failure, table};
 use volcomp_evaluate::{
@@ -55,20 +55,16 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
     if columns.kind == AxisKind::Rotary {
         return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
-    let mut readings = Vec::new();
-    while table.advance()? {
+    let readings = table.some_rows(|table| {
         let word = table.word(name);
         let Some(diagonal) = Diagonal::parse(&word) else {
             let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
-        let r = columns.reading(&table)?;
+        let r = columns.reading(table)?;
         let (target, deviation) = (r.position, um_from_mm(r.value));
-        readings.push((diagonal, PositioningReading { travel: r.travel, target, deviation }));
-    }
-    if readings.is_empty() {
-        return Err(no_rows(table.file()));
-    }
+        Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
+    })?;
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }
@@ -201,12 +197,7 @@ fn signs(diagonal: Diagonal) -> String {
 
 /// The diagonals, before and after below each other.
 fn whole(title: &str, after: &Evaluated, before: Option<&Evaluated>, y: [f64; 2]) -> Svg {
-    let draw_after = |area: &Area<'_>| four(after, y, area);
-    let Some(before) = before else { return stacked(SHEET_WIDTH, title, &[("", 2 * HEIGHT, &draw_after)]) };
-    let draw_before = |area: &Area<'_>| four(before, y, area);
-    let parts: [Part<'_>; 2] =
-        [("before", 2 * HEIGHT, &draw_before), ("after, same scale", 2 * HEIGHT, &draw_after)];
-    stacked(SHEET_WIDTH, title, &parts)
+    stacked_tests(title, &headed(before, after), |_| 2 * HEIGHT, |area, test| four(test, y, area))
 }
 
 fn report(

@@ -10,7 +10,6 @@ use super::{Output, change, percent, put_before, show};
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
 use crate::arg_parsers::{above_zero, number};
-use crate::positioning_data::no_rows;
 use crate::report::Table;
 use crate::{Failure, table};
 use volcomp_evaluate::gear::{
@@ -92,8 +91,7 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
         [table.require("direction")?, table.require("flank")?, table.require("tooth")?];
     let [position, deviation] = [table.require("position_mm")?, table.require("deviation_um")?];
     table.only(&["direction", "flank", "tooth", "pass", "position_mm", "deviation_um"])?;
-    let mut readings = Vec::new();
-    while table.advance()? {
+    let readings = table.some_rows(|table| {
         let (word, side) = (table.word(direction), table.word(flank));
         let along = DIRECTIONS
             .iter()
@@ -103,17 +101,8 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
             .iter()
             .find(|f| f.1 == side)
             .ok_or_else(|| table.fail(flank, format_args!("'{side}' is neither left nor right")))?;
-        readings.push((
-            along.0,
-            of.0,
-            table.count(tooth)?,
-            table.number(position)?,
-            table.number(deviation)?,
-        ));
-    }
-    if readings.is_empty() {
-        return Err(no_rows(table.file()));
-    }
+        Ok((along.0, of.0, table.count(tooth)?, table.number(position)?, table.number(deviation)?))
+    })?;
     flanks(gear, &readings).map_err(|(direction, e)| {
         let name = DIRECTIONS[usize::from(direction == Direction::Helix)].1;
         data!(path, "{name}: {e}")

@@ -315,6 +315,14 @@ fn before_and_after<T>(
     Ok(plots)
 }
 
+/// A test alone, or below the one before, with their headings.
+fn headed<T>(before: Option<T>, after: T) -> Vec<(&'static str, T)> {
+    match before {
+        Some(before) => vec![("before", before), ("after, same scale", after)],
+        None => vec![("", after)],
+    }
+}
+
 /// A value with two decimals, or a dash.
 pub(crate) fn show(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))

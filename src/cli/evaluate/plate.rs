@@ -12,7 +12,6 @@ use super::picture::plate::{self as drawing, Shown};
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
 use crate::input::{self, InputKind};
-use crate::positioning_data::no_rows;
 use crate::report::Table;
 use crate::table::Table as Csv;
 use crate::{EX_DATAERR, Failure};
@@ -83,7 +82,7 @@ fn read(args: &Args) -> Result<Plate, Failure> {
     let plate = if hole_plate::recognises(&text) {
         let plate = hole_plate::parse(&text).map_err(|e| {
             let place = if e.line == 0 { String::new() } else { format!("{}:{}:", e.line, e.column) };
-            Failure::new(EX_DATAERR, format_args!("error: {}:{place} {}", path.display(), e.kind))
+            failure!(EX_DATAERR, "{}:{place} {}", path.display(), e.kind)
         })?;
         let holes = plate.holes.iter().filter(|h| keep(Some(h.diameter)));
         Plate { points: holes.map(|h| h.place).collect(), title: Some(plate.title).filter(|t| !t.is_empty()) }
@@ -115,20 +114,15 @@ fn read_csv(
             "holes are to be selected by diameter, but column nominal_diameter_mm is missing"
         ));
     }
-    let mut points = Vec::new();
-    let mut rows = 0;
-    while table.advance()? {
-        rows += 1;
+    let points = table.some_rows(|table| {
         let at = |column: usize| table.number(column);
         let nominal = [at(nominal[0])?, at(nominal[1])?];
         let v = [at(values[0])?, at(values[1])?];
         let measured =
             if deviations { [nominal[0] + mm_from_um(v[0]), nominal[1] + mm_from_um(v[1])] } else { v };
-        if keep(diameter.map(at).transpose()?) {
-            points.push(PlatePoint { nominal, measured });
-        }
-    }
-    if rows == 0 { Err(no_rows(table.file())) } else { Ok(points) }
+        Ok(keep(diameter.map(at).transpose()?).then_some(PlatePoint { nominal, measured }))
+    })?;
+    Ok(points.into_iter().flatten().collect())
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {

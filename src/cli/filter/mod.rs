@@ -93,9 +93,8 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
         if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg")) {
             return Err(usage!("--svg: the name must end in .svg"));
         }
-        let text = picture::picture(&course).map_err(|e| {
-            Failure::new(EX_SOFTWARE, format_args!("error: the picture cannot be drawn: {e}"))
-        })?;
+        let text = picture::picture(&course)
+            .map_err(|e| failure!(EX_SOFTWARE, "the picture cannot be drawn: {e}"))?;
         write_text(path, &text)?;
     }
     if args.json {

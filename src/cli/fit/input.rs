@@ -151,7 +151,7 @@ pub(crate) fn read(
 fn utf8(file: &str, bytes: Vec<u8>) -> Result<String> {
     String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
-        Failure::new(EX_DATAERR, format_args!("error: {file}:{line}: not UTF-8 text; save the file as UTF-8"))
+        failure!(EX_DATAERR, "{file}:{line}: not UTF-8 text; save the file as UTF-8")
     })
 }
 

@@ -11,7 +11,7 @@ use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{Area, Axes, BLUE, Drawn, INK, Svg, VERMILLION, svg_of, with_room};
 use crate::units::{Units, or_dash};
-use crate::{EX_SOFTWARE, Failure, Result};
+use crate::{EX_SOFTWARE, Result};
 use volcomp_units::axes::Travel;
 
 const SIZE: (u32, u32) = (1100, 520);
@@ -58,7 +58,7 @@ impl PictureArgs {
             let drawn = if is_page { page() } else { svg() };
             let text = drawn.map_err(|e| {
                 let path = path.display();
-                Failure::new(EX_SOFTWARE, format_args!("error: {path}: the picture cannot be drawn: {e}"))
+                failure!(EX_SOFTWARE, "{path}: the picture cannot be drawn: {e}")
             })?;
             write_text(path, &text)?;
         }

@@ -34,6 +34,11 @@ impl CaseArgs {
         named.as_ref().or(self.file.as_ref())
     }
 
+    /// The same where the parser asks for it or for a case.
+    pub(super) fn required<'a>(&'a self, named: &'a Option<PathBuf>) -> Result<&'a Path> {
+        self.data(named).map(PathBuf::as_path).ok_or_else(|| usage!("give --data or --input"))
+    }
+
     /// The files of data, by `--data` or as the positional argument.
     pub(super) fn all<'a>(&'a self, named: &'a [PathBuf]) -> &'a [PathBuf] {
         if named.is_empty() { self.file.as_slice() } else { named }
@@ -107,7 +112,7 @@ impl<'a> CaseFile<'a> {
         // the place stands in front already
         let text = text.rsplit_once(" at line ").map_or(text.as_str(), |(text, _)| text);
         let (path, line, column) = (self.path.display(), what.line(), what.column());
-        Failure::new(EX_DATAERR, format_args!("error: {path}:{line}:{column}: {text}"))
+        failure!(EX_DATAERR, "{path}:{line}:{column}: {text}")
     }
 }
 

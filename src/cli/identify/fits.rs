@@ -115,9 +115,7 @@ impl Method for Args {
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
-        let Some(path) = self.case.data(&self.data) else {
-            return Err(usage!("neither --input nor --data is given"));
-        };
+        let path = self.case.required(&self.data)?;
         found(&self.read_table(path)?, path).map(Some)
     }
 }

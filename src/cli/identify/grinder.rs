@@ -10,6 +10,7 @@ use crate::arg_parsers::{axis_letter, one_of};
 use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::model_writer::{ModelWriter, Sources, put};
+use crate::numerals::hull;
 use crate::units::{Units, key, or_dash};
 use crate::{EX_CONFIG, Failure, Result};
 use volcomp_config as config;
@@ -187,7 +188,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>> {
 fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Result<()> {
     let spec = chain.spec();
     let planned = plan(chain, axis, args.positions, args.lever_mm).map_err(|e| usage!("--next: {e}"))?;
-    let model = Model::new(spec).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {e}")))?;
+    let model = Model::new(spec).map_err(|e| failure!(EX_CONFIG, "{e}"))?;
     let axes: Vec<AxisName> = spec.chain.axes().iter().map(|a| a.name).collect();
     let (mut header, tail): (Vec<String>, Vec<String>) =
         axes.iter().map(|a| axis_columns(*a)).map(|[position, correction]| (position, correction)).unzip();
@@ -351,10 +352,8 @@ fn print_step(found: &Step) {
     let plus_minus = |v: f64| found.sigma.map_or_else(String::new, |_| format!("  +- {v:.3}"));
     for m in &found.motions {
         let Units { value: unit, of_value, .. } = Units::of(m.symbol);
-        let (low, high) =
-            m.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         let worst = m.std.iter().map(Shares::total).fold(0.0, f64::max);
-        let ([low, high], std) = ([low, high].map(of_value), plus_minus(of_value(worst)));
+        let ([low, high], std) = (hull(m.values.iter().copied()).map(of_value), plus_minus(of_value(worst)));
         say!("  {:<6}{low:>10.3} to {high:>9.3} {unit:<7}{std}", m.symbol);
     }
     for (symbol, value, std) in &found.locations {

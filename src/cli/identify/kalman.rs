@@ -130,10 +130,7 @@ impl Method for Args {
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
-        let Some(path) = self.case.data(&self.data) else {
-            return Err(usage!("neither --input nor --data is given"));
-        };
-        Ok(Some(Box::new(Outcome::of(self, path)?)))
+        Ok(Some(Box::new(Outcome::of(self, self.case.required(&self.data)?)?)))
     }
 }
 

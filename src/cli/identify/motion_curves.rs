@@ -15,6 +15,7 @@ use crate::files::write_text;
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::comments;
 use crate::model_writer::{ModelWriter, axis_entry, data_error};
+use crate::numerals::hull;
 use crate::units::{Units, column};
 use volcomp_config::ModelFile;
 use volcomp_identify::curve::Basis;
@@ -158,10 +159,7 @@ impl Found for Motions<'_> {
         axis.sense = Sense::Relative;
         let point = ReferencePoint { point: origin.reference, body: ReferenceBody::Carriage };
         axis.reference_points = [point; 3];
-        axis.travel.get_or_insert_with(|| {
-            let ends = |f: fn(f64, f64) -> f64, from| rows.iter().fold(from, |m, r| f(m, r.position));
-            [ends(f64::min, f64::MAX), ends(f64::max, f64::MIN)]
-        });
+        axis.travel.get_or_insert_with(|| hull(rows.iter().map(|r| r.position)));
         let mut comment = comments(&format!("identify {}", origin.method), &fits.sources, &fits.fitted);
         let r = origin.reference;
         comment.push(format!(
@@ -227,10 +225,8 @@ pub(super) fn in_print_units(component: Component, value: f64) -> f64 {
 pub(super) fn read_motions(path: &Path, axis: AxisName) -> Result<Vec<(f64, [f64; 6])>> {
     let mut table = columns::open(path)?;
     let position = table.require("position_mm")?;
-    let mut columns = Vec::with_capacity(6);
-    for symbol in symbols(axis) {
-        columns.push(table.require(&column(symbol))?);
-    }
+    let columns = symbols(axis).into_iter().map(|symbol| table.require(&column(symbol)));
+    let columns = columns.collect::<Result<Vec<_>>>()?;
     table.rows(|row| {
         let mut motion = [0.0; 6];
         for (value, column) in motion.iter_mut().zip(&columns) {

@@ -107,9 +107,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         self.needs_nominal()?;
-        let Some(path) = self.case.data(&self.data) else {
-            return Err(usage!("give --data or --input"));
-        };
+        let path = self.case.required(&self.data)?;
         let bar = self.bar_radius_mm.ok_or_else(|| usage!("give --bar-radius-mm"))?;
         self.outcome(path, self.contacts(path)?, bar).map(Some)
     }

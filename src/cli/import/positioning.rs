@@ -265,9 +265,7 @@ fn given<R: std::io::BufRead>(
     cycle: Option<usize>,
     direction: Option<usize>,
 ) -> Result<(Option<u32>, Option<Travel>), Failure> {
-    let wrong = |value: f64, what: &str| {
-        Failure::new(EX_DATAERR, format_args!("error: {file}:{}: {value} is {what}", table.line()))
-    };
+    let wrong = |value: f64, what: &str| failure!(EX_DATAERR, "{file}:{}: {value} is {what}", table.line());
     let travel = direction.map(|i| match table.values()[i] {
         1.0 => Ok(Travel::Forward),
         -1.0 => Ok(Travel::Reverse),

@@ -11,6 +11,7 @@ use super::report::Report;
 use crate::acceptance::verdicts::NOT_STATED;
 use crate::acceptance::{Acceptance, HeadArgs, Stated, file_name, sign};
 use crate::check::Size;
+use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::numerals::{counted, micro, plain, signed};
 use crate::quantities::{
@@ -92,7 +93,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         report: Report { file: &file, name: &name, found: &found },
         hash: input::hash(&args.file, InputKind::Model),
     };
-    super::save(&args.html, &documented.page(&model)?)?;
+    write_text(&args.html, &documented.page(&model)?)?;
     if args.json {
         say!("{:#}", documented.json());
     } else if args.html.as_os_str() != "-" {

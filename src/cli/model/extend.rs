@@ -68,12 +68,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         if !args.force {
             addition.is_beside(&hash).map_err(twice)?;
         }
-        let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| {
-            Failure::new(
-                EX_CONFIG,
-                format_args!("error: {} with {}: {e}", args.model.display(), path.display()),
-            )
-        })?;
+        let extended = extend(&model.spec, &model.thermal, &addition)
+            .map_err(|e| failure!(EX_CONFIG, "{} with {}: {e}", args.model.display(), path.display()))?;
         if !args.force {
             extended.is_new().map_err(twice)?;
         }
@@ -83,13 +79,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if !fates.iter().any(|(_, fate)| fate.is_taken()) {
         let why: Vec<String> = fates.iter().map(|f| format!("\n  {}", line(f))).collect();
         let files: Vec<String> = args.add.iter().map(|p| p.display().to_string()).collect();
-        return Err(Failure::new(
+        return Err(failure!(
             EX_DATAERR,
-            format_args!(
-                "error: {}: nothing in it can be part of a model; the model stays as it is{}",
-                files.join(", "),
-                why.concat()
-            ),
+            "{}: nothing in it can be part of a model; the model stays as it is{}",
+            files.join(", "),
+            why.concat()
         ));
     }
     let forecast = args.add.first().map(|path| Forecast::read(args.report.as_ref(), path));

@@ -51,8 +51,3 @@ fn load(path: &Path) -> Result<ModelFile, Failure> {
     })?;
     Ok(config::model::parse_file(&file, &text)?)
 }
-
-/// Writes a file.
-fn save(path: &Path, text: &str) -> Result<(), Failure> {
-    super::files::write_text(path, text)
-}

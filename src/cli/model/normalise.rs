@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::super::Failure;
+use crate::files::write_text;
 use crate::numerals::micro;
 use volcomp_config as config;
 use volcomp_model::normalise;
@@ -41,6 +42,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     model.spec = gauged.spec;
     let name = args.file.file_name().unwrap_or_default().to_string_lossy();
     let comment = format!("Normal form of {name}, written by volcomp model normalise.");
-    super::save(&args.out, &config::model::write_file(&model, &[comment]))?;
+    write_text(&args.out, &config::model::write_file(&model, &[comment]))?;
     crate::exit::print(&report)
 }

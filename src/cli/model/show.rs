@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::super::{EX_CONFIG, Failure};
 use super::report::Report;
 use super::{html, picture};
+use crate::files::write_text;
 use crate::numerals::micro;
 use crate::progress::Steps;
 use volcomp_model::Model;
@@ -39,10 +40,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let name = args.file.display().to_string();
     let report = Report { file: &file, name: &name, found: &found };
     if let Some(out) = &args.svg {
-        super::save(out, &picture::whole(&file.spec, &model)?)?;
+        write_text(out, &picture::whole(&file.spec, &model)?)?;
     }
     if let Some(out) = &args.html {
-        super::save(out, &html::page(&report, &model)?)?;
+        write_text(out, &html::page(&report, &model)?)?;
     }
     if args.json {
         let mut json = report.as_json();

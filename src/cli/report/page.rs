@@ -105,9 +105,7 @@ impl Cell {
     pub(crate) fn number(number: impl Display) -> Self {
         Self::Number(number.to_string())
     }
-}
 
-impl Cell {
     fn is_number(&self) -> bool {
         match self {
             Self::Number(_) => true,

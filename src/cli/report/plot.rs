@@ -5,6 +5,8 @@ use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
+use crate::numerals::hull;
+
 /// The first series.
 pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);
 /// The second series.
@@ -67,6 +69,19 @@ pub(crate) fn stacked(width: u32, title: &str, parts: &[Part<'_>]) -> Svg {
         }
         Ok(())
     })
+}
+
+/// Tests of one kind below each other, each with its heading.
+pub(crate) fn stacked_tests<T>(
+    title: &str,
+    tests: &[(&str, T)],
+    height: impl Fn(&T) -> u32,
+    draw: impl Fn(&Area<'_>, &T) -> Drawn,
+) -> Svg {
+    let draw = &draw;
+    let drawn: Vec<_> = tests.iter().map(|(_, test)| move |area: &Area<'_>| draw(area, test)).collect();
+    let parts = tests.iter().zip(&drawn).map(|((heading, test), draw)| (*heading, height(test), draw as _));
+    stacked(SHEET_WIDTH, title, &parts.collect::<Vec<Part<'_>>>())
 }
 
 /// Words above a picture; what is left below them.
@@ -145,12 +160,6 @@ pub(crate) fn tick(v: f64, length: f64) -> String {
     let decimals = (1.0 - length.log10()).ceil().clamp(0.0, 6.0) as usize;
     let text = format!("{v:.decimals$}");
     if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { "0".to_owned() } else { text }
-}
-
-/// Lowest and highest of some values; infinite where there is none.
-pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
-    let ends = (f64::INFINITY, f64::NEG_INFINITY);
-    values.into_iter().fold(ends, |(l, h), v| (l.min(v), h.max(v))).into()
 }
 
 /// A range with some room at both ends; around zero where all is zero.

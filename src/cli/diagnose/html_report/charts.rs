@@ -6,7 +6,7 @@ use volcomp_diagnose::session::Session;
 use volcomp_diagnose::{Curve, Diagnosis};
 
 use crate::diagnose::terms::{capital, name_of_label};
-use crate::numerals::counted;
+use crate::numerals::{counted, hull};
 
 /// Readings of a chart, at most.
 const POINTS: usize = 700;
@@ -151,20 +151,16 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
     for axis in &session.axes {
         let slot = axis.slot();
         let letter = axis.to_string().to_uppercase();
-        if axis.is_linear() {
-            let values: Vec<f64> = session.moments.iter().map(|m| m.position[slot]).collect();
-            figures.extend(residual(session, found, &letter, &format!("{letter}, mm"), &values));
-        } else {
-            let values: Vec<f64> = session.moments.iter().map(|m| m.position[slot].to_degrees()).collect();
-            figures.extend(residual(session, found, &letter, &format!("{letter}, °"), &values));
-        }
+        let (unit, of): (_, fn(f64) -> f64) =
+            if axis.is_linear() { ("mm", |v| v) } else { ("°", f64::to_degrees) };
+        let values: Vec<f64> = session.moments.iter().map(|m| of(m.position[slot])).collect();
+        figures.extend(residual(session, found, &letter, &format!("{letter}, {unit}"), &values));
     }
     figures
 }
 
 fn extent(values: &[f64]) -> f64 {
-    let finite = values.iter().filter(|v| v.is_finite());
-    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let [low, high] = hull(values.iter().copied().filter(|v| v.is_finite()));
     if high > low { high - low } else { 0.0 }
 }
 
@@ -180,14 +176,12 @@ fn residual(
     }
     let along = |direction: Option<usize>, gap: &[f64]| -> Vec<(f64, f64)> {
         let rows = values.iter().zip(gap).zip(&session.moments);
-        let points: Vec<(f64, f64)> = rows
-            .filter(|((v, g), _)| v.is_finite() && g.is_finite())
+        rows.filter(|((v, g), _)| v.is_finite() && g.is_finite())
             .filter_map(|((v, g), m)| {
                 let main = (0..3).find(|d| m.u[*d].abs() > ALONG);
                 (main == direction).then(|| (*v, g * main.map_or(1.0, |d| m.u[d].signum())))
             })
-            .collect();
-        points
+            .collect()
     };
     let is_gap = found.budget.names_no_cause();
     let all = [Some(0), Some(1), Some(2), None];

@@ -108,9 +108,7 @@ fn summary(page: &mut Page, found: &Diagnosis) {
             ),
         ));
     }
-    let rows: Vec<Vec<Cell>> =
-        rows.into_iter().map(|(head, text)| vec![Cell::head(head), Cell::text(text)]).collect();
-    page.table(&[], &rows);
+    page.facts(rows);
 }
 
 fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {

@@ -129,11 +129,11 @@ impl Survey {
             }
         }
         if channels.is_empty() {
-            return Err(Failure::usage(format_args!(
+            return Err(usage!(
                 "{}: a capture needs at least one linear axis; name them with --axes, such as x=1,y=2,z=6; the capture has {}",
                 path.display(),
                 known()
-            )));
+            ));
         }
         Ok(channels)
     }
@@ -149,10 +149,10 @@ struct Following {
 
 impl Following {
     fn new(path: &Path, only: Option<AxisName>, channels: Vec<Channel>) -> Self {
-        let positions: Vec<String> = channels.iter().map(|c| format!("{}_mm", c.axis.lower())).collect();
-        let mut names = vec!["t_s", "setup", "run", "repeat", "moving", "u_x", "u_y", "u_z", "deviation_um"];
-        names.extend(positions.iter().map(String::as_str));
-        Self { rows: Rows::new(path, &names), channels, only, runs: BTreeSet::new() }
+        let names = ["t_s", "setup", "run", "repeat", "moving", "u_x", "u_y", "u_z", "deviation_um"];
+        let positions = channels.iter().map(|c| format!("{}_mm", c.axis.lower()));
+        let rows = Rows::new(path, names.map(str::to_owned).into_iter().chain(positions));
+        Self { rows, channels, only, runs: BTreeSet::new() }
     }
 
     fn sample(&mut self, line: u64, t_s: f64, run: u32, value: impl Fn(usize) -> f64) {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rows};
 use crate::numerals::counted;
-use crate::{EX_DATAERR, Failure, table};
+use crate::{Failure, table};
 use volcomp_diagnose::session::Times;
 use volcomp_identify::ballbar::{Plane, Sample, cut_overshoot};
 use volcomp_model::geometry::Vec3;
@@ -22,30 +22,15 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     let centre = args.centre_mm.unwrap_or_else(Vec3::zeros);
     let axes = plane.axes().map(|a| a.direction());
     let fed = samples.iter().all(|s| s.feed.is_some());
-    let mut names: Vec<String> = [
-        "t_s",
-        "setup",
-        "run",
-        "repeat",
-        "moving",
-        "x_mm",
-        "y_mm",
-        "z_mm",
-        "u_x",
-        "u_y",
-        "u_z",
-        "deviation_um",
-    ]
-    .map(str::to_owned)
-    .into();
+    let names = "t_s setup run repeat moving x_mm y_mm z_mm u_x u_y u_z deviation_um";
+    let mut names: Vec<String> = names.split(' ').map(str::to_owned).collect();
     if fed {
         for k in axes {
             let letter = ["x", "y", "z"][k];
             names.extend([format!("v{letter}_mm_per_s"), format!("a{letter}_mm_per_s2")]);
         }
     }
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let mut rows = Rows::new(path, &names);
+    let mut rows = Rows::new(path, names);
     let (mut run, mut runs_before) = (0.0, Vec::<(bool, u64)>::new());
     let (mut t, mut repeat) = (0.0, 1.0);
     let mut last: Option<&Sample> = None;
@@ -111,10 +96,7 @@ fn samples(path: &Path, args: &InstrumentArgs) -> Result<(Vec<Sample>, Vec<u64>)
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
-    if let Some(i) = table.columns().iter().position(|c| !known.contains(&c.as_str())) {
-        return Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", "))));
-    }
+    table.only(&["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"])?;
     let (mut all, mut lines) = (Vec::new(), Vec::new());
     while table.advance()? {
         let feed_mm_per_min = feed.map(|c| table.number(c)).transpose()?.or(args.feed_mm_per_min);
@@ -132,10 +114,7 @@ fn samples(path: &Path, args: &InstrumentArgs) -> Result<(Vec<Sample>, Vec<u64>)
     }
     let kept = cut_overshoot(&all, None);
     if kept.is_empty() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no data rows below the header", path.display()),
-        ));
+        return Err(data!(path, "no data rows below the header"));
     }
     // what is kept keeps its order
     let mut at = 0;

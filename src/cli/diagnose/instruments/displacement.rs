@@ -42,14 +42,14 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
         (None, 3) => (vec![0, 1, 2], "as three probes along x, y and z"),
         (None, 1) => (vec![2], "as an axial probe"),
         (None, n) => {
-            return Err(Failure::usage(format_args!(
+            return Err(usage!(
                 "{}: {n} columns of displacement ({}) whose directions are not known; name those to use with --series, such as \
                  x={},z={}",
                 path.display(),
                 channels.join(", "),
                 channels[0],
                 channels[n - 1]
-            )));
+            ));
         }
     };
     let list: Vec<String> =
@@ -85,13 +85,11 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     let mut names =
         vec!["t_s", "setup", "run", "repeat", "x_mm", "moving", "u_x", "u_y", "u_z", "deviation_um"];
     names.extend(sources.iter().map(|(_, n)| n.as_str()));
-    let mut rows = Rows::new(path, &names);
+    let mut rows = Rows::new(path, names);
     while table.advance()? {
         let at = table.number(t)?;
-        let mut rest = Vec::with_capacity(sources.len());
-        for (i, _) in &sources {
-            rest.push(table.number_or_empty(*i)?);
-        }
+        let rest = sources.iter().map(|(i, _)| table.number_or_empty(*i));
+        let rest: Vec<f64> = rest.collect::<Result<_, _>>()?;
         for (setup, (direction, column, name)) in columns.iter().enumerate() {
             let [x, y, z] = along(*direction);
             let d = table.number_or_empty(*column)?;

@@ -16,7 +16,7 @@ use clap::Args;
 
 use super::ideal::Rotary;
 use crate::Failure;
-use crate::arg_parsers::one_of;
+use crate::arg_parsers::{axis_letter, one_of};
 use crate::import::DEVIATION_UNITS;
 use volcomp_diagnose::session::{Note, Raw, Times};
 use volcomp_formats::rtl::DeviationUnit;
@@ -30,7 +30,7 @@ use volcomp_units::axes::AxisName;
 #[command(next_help_heading = "Files of instruments and controls (docs/reference/session-files.md 1.7)")]
 pub(super) struct InstrumentArgs {
     /// Axis of a positioning test that does not name it [default: x].
-    #[arg(long, value_name = "LETTER", value_parser = super::letter)]
+    #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
     axis: Option<AxisName>,
     /// Unit of the deviations of an .rtl of a rotary axis.
     #[arg(long, value_parser = one_of(DEVIATION_UNITS))]
@@ -51,7 +51,7 @@ pub(super) struct InstrumentArgs {
     #[arg(long, value_delimiter = ',', value_name = "AXIS=NUMBER", value_parser = numbered)]
     axes: Vec<(AxisName, u32)>,
     /// Of a capture only the following error of this axis.
-    #[arg(long, value_name = "LETTER", value_parser = super::letter)]
+    #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
     only: Option<AxisName>,
     /// Columns of a log of displacement by direction, such as x=ch1_um,z=ch5_um.
     #[arg(long, value_delimiter = ',', value_name = "DIRECTION=COLUMN", value_parser = directed)]
@@ -61,7 +61,7 @@ pub(super) struct InstrumentArgs {
 fn numbered(text: &str) -> Result<(AxisName, u32), String> {
     let wrong = || format!("'{text}' is not AXIS=NUMBER, such as x=1");
     let (axis, number) = text.split_once('=').ok_or_else(wrong)?;
-    Ok((super::letter(axis)?, number.parse().map_err(|_| wrong())?))
+    Ok((axis_letter(axis)?, number.parse().map_err(|_| wrong())?))
 }
 
 fn directed(text: &str) -> Result<(usize, String), String> {
@@ -171,8 +171,8 @@ struct Rows {
 }
 
 impl Rows {
-    fn new(path: &Path, names: &[&str]) -> Self {
-        let names: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+    fn new(path: &Path, names: impl IntoIterator<Item: Into<String>>) -> Self {
+        let names: Vec<String> = names.into_iter().map(Into::into).collect();
         let columns = vec![Vec::new(); names.len()];
         Self { raw: Raw { file: path.display().to_string(), names, columns, ..Raw::default() } }
     }

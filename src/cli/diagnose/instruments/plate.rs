@@ -11,38 +11,17 @@ use volcomp_evaluate::PlatePoint;
 use volcomp_formats::hole_plate;
 use volcomp_units::um_from_mm;
 
-const COLUMNS: [&str; 14] = [
-    "t_s",
-    "setup",
-    "run",
-    "repeat",
-    "moving",
-    "x_mm",
-    "y_mm",
-    "dir_x",
-    "dir_y",
-    "u_x",
-    "u_y",
-    "u_z",
-    "deviation_um",
-    "hole_mm",
-];
+const COLUMNS: &str = "t_s setup run repeat moving x_mm y_mm dir_x dir_y u_x u_y u_z deviation_um hole_mm";
 
 /// The list of a CMM with its nine columns.
 pub(super) fn cmm_list(path: &Path) -> Result<Measurement, Failure> {
     let text = input::read_text(path, InputKind::Instrument)?;
     let plate = hole_plate::parse(&text).map_err(|e| Failure::data(path, e))?;
-    let mut rows = Rows::new(path, &COLUMNS);
+    let mut rows = Rows::new(path, COLUMNS.split(' '));
     let mut repeats = Repeats::default();
     for (i, hole) in plate.holes.iter().enumerate() {
-        hole_rows(
-            &mut rows,
-            i,
-            hole.line as u64,
-            repeats.next(hole.place.nominal),
-            &hole.place,
-            hole.diameter,
-        );
+        let repeat = repeats.next(hole.place.nominal);
+        hole_rows(&mut rows, i, hole.line as u64, repeat, &hole.place, hole.diameter);
     }
     let title = if plate.title.is_empty() { String::new() } else { format!(" ({})", plate.title) };
     Ok(finished(rows, plate.holes.len(), &format!("plate measured on a CMM{title}")))
@@ -57,7 +36,7 @@ pub(super) fn table(path: &Path) -> Result<Measurement, Failure> {
         if deviations { ["deviation_x_um", "deviation_y_um"] } else { ["measured_x_mm", "measured_y_mm"] };
     let values = [table.require(names[0])?, table.require(names[1])?];
     let diameter = table.find("nominal_diameter_mm");
-    let mut rows = Rows::new(path, &COLUMNS);
+    let mut rows = Rows::new(path, COLUMNS.split(' '));
     let (mut count, mut repeats) = (0, Repeats::default());
     while table.advance()? {
         let at = |column: usize| table.number(column);

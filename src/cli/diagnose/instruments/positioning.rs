@@ -5,11 +5,11 @@ use std::io::Cursor;
 use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rotary, Rows, along};
+use crate::Failure;
 use crate::input::{self, InputKind, text_of};
 use crate::numerals::counted;
 use crate::positioning_data::{Test, instrument_test, parse_csv};
 use crate::table::Table;
-use crate::{EX_DATAERR, Failure};
 use volcomp_diagnose::session::Times;
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_identify::start_up::start_up_outliers;
@@ -47,20 +47,8 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
     let linear = axis.kind() == AxisKind::Linear;
     let column = if linear { format!("{letter}_mm") } else { format!("{letter}_deg") };
     let direction = format!("dir_{letter}");
-    let mut names = vec![
-        "t_s",
-        "setup",
-        "run",
-        "repeat",
-        "moving",
-        &column,
-        &direction,
-        "u_x",
-        "u_y",
-        "u_z",
-        "deviation_um",
-        "outlier",
-    ];
+    let mut names = vec!["t_s", "setup", "run", "repeat", "moving", &column, &direction];
+    names.extend(["u_x", "u_y", "u_z", "deviation_um", "outlier"]);
     // a rotary axis moves a point along the next direction: c moves a point on x along y
     let u = along(if linear { axis.direction() } else { (axis.direction() + 2) % 3 });
     let lever =
@@ -68,7 +56,7 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
     if !linear {
         names.extend(["lever_x_mm", "lever_y_mm", "lever_z_mm"]);
     }
-    let mut rows = Rows::new(path, &names);
+    let mut rows = Rows::new(path, names);
     let (mut run, mut before) = (0.0, None);
     for (i, r) in test.readings.iter().enumerate() {
         let pass = (r.cycle, r.travel);
@@ -119,8 +107,7 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
 fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName, Vec<String>), Failure> {
     let default = if found.test.kind == AxisKind::Linear { AxisName::X } else { AxisName::C };
     let (axis, notes) = match (args.axis, found.axis) {
-        (Some(axis), _) => (axis, Vec::new()),
-        (None, Some(axis)) => (axis, Vec::new()),
+        (Some(axis), _) | (None, Some(axis)) => (axis, Vec::new()),
         (None, None) => {
             (default, vec![format!("the file does not name its axis: {default} assumed; --axis states it")])
         }
@@ -130,18 +117,13 @@ fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName
             AxisKind::Linear => ("millimetres", "a linear"),
             AxisKind::Rotary => ("degrees", "a rotary"),
         };
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: the test is in {unit}, axis {axis} does not suit; name {kind} axis with --axis",
-                path.display()
-            ),
+        return Err(data!(
+            path,
+            "the test is in {unit}, axis {axis} does not suit; name {kind} axis with --axis"
         ));
     }
     if volcomp_diagnose::machine_state::Axis::from_name(axis).is_none() {
-        return Err(Failure::usage(format_args!(
-            "--axis {axis}: a session has the axes x, y, z, a, b and c"
-        )));
+        return Err(usage!("--axis {axis}: a session has the axes x, y, z, a, b and c"));
     }
     Ok((axis, notes))
 }

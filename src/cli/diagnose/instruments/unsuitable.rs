@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{EX_DATAERR, Failure, input};
+use crate::{Failure, input};
 use volcomp_formats::detect::Format;
 use volcomp_formats::{b5r, text};
 
@@ -30,7 +30,7 @@ pub(super) fn format(path: &Path, format: Format) -> Failure {
         // read as sessions
         _ => ("no session".to_owned(), "write a session file".to_owned()),
     };
-    Failure::new(EX_DATAERR, format_args!("error: {file}: {what}\n  hint: {remedy}"))
+    data!(path, "{what}\n  hint: {remedy}")
 }
 
 /// Features of a ballbar report in the names of this program.
@@ -75,14 +75,12 @@ fn ballbar_figures(path: &Path) -> Failure {
     }
     let listed =
         if figures.is_empty() { String::new() } else { format!("\n  its figures:{}", figures.concat()) };
-    Failure::new(
-        EX_DATAERR,
-        format_args!(
-            "error: {file}: a ballbar report (.b5r){plane} with {} figures of an analysis and without its readings; a diagnosis needs \
-             the readings\n  hint: save the readings as CSV with angle_deg,deviation_um,direction (and feed_mm_per_min) and give \
-             that file with --plane and --radius-mm{listed}",
-            test.features.len()
-        ),
+    data!(
+        path,
+        "a ballbar report (.b5r){plane} with {} figures of an analysis and without its readings; a diagnosis needs \
+         the readings\n  hint: save the readings as CSV with angle_deg,deviation_um,direction (and feed_mm_per_min) and give \
+         that file with --plane and --radius-mm{listed}",
+        test.features.len()
     )
 }
 
@@ -132,16 +130,13 @@ pub(super) fn reflector_triples(start: &str) -> Option<Poses> {
 pub(super) fn robot(path: &Path, poses: &Poses) -> Failure {
     let sides: Vec<String> =
         poses.sides.iter().map(|[mean, std]| format!("{mean:.3} ± {std:.3} mm")).collect();
-    Failure::new(
-        EX_DATAERR,
-        format_args!(
-            "error: {}: {} poses of three reflectors (sides {}: the noise of tracker and reflectors), with joint angles of a robot; \
-             its kinematic chain is none of a machine tool\n  hint: for a machine tool write x_mm, y_mm, z_mm and the deviations as a \
-             session file with instrument tracker",
-            path.display(),
-            poses.count,
-            sides.join(", ")
-        ),
+    data!(
+        path,
+        "{} poses of three reflectors (sides {}: the noise of tracker and reflectors), with joint angles of a robot; \
+         its kinematic chain is none of a machine tool\n  hint: for a machine tool write x_mm, y_mm, z_mm and the deviations as a \
+         session file with instrument tracker",
+        poses.count,
+        sides.join(", ")
     )
 }
 

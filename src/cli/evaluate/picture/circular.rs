@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use crate::report::plot::{
-    Area, BLUE, Drawn, FAINT, INK, Key, Part, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, stacked,
+    Area, BLUE, Drawn, FAINT, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, stacked_tests,
     tick, words,
 };
 use volcomp_evaluate::{CircularReading, Circularity};
@@ -54,11 +54,7 @@ pub(in crate::evaluate) fn single(shown: &Shown<'_>, division: f64) -> Svg {
 /// # Errors
 /// The drawing library could not draw it.
 pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Shown<'_>)], division: f64) -> Svg {
-    let draw: Vec<_> =
-        shown.iter().map(|(_, one)| move |area: &Area<'_>| draw(area, one, division)).collect();
-    let parts: Vec<Part<'_>> =
-        shown.iter().zip(&draw).map(|((name, _), draw)| (*name, HEIGHT, draw as _)).collect();
-    stacked(SHEET_WIDTH, title, &parts)
+    stacked_tests(title, shown, |_| HEIGHT, |area, one| draw(area, one, division))
 }
 
 /// From angle and deviation to pixels.

@@ -3,7 +3,8 @@
 use plotters::prelude::*;
 
 use crate::report::plot::{
-    Area, Axes, BLUE, Drawn, FONT, INK, Part, SHEET_WIDTH, Svg, VERMILLION, round_below, stacked, with_room,
+    Area, Axes, BLUE, Drawn, FONT, INK, SHEET_WIDTH, Svg, VERMILLION, round_below, stacked, stacked_tests,
+    with_room,
 };
 
 const HEIGHT: u32 = 300;
@@ -51,10 +52,7 @@ pub(in crate::evaluate) fn single(panels: &[Panel], step: f64) -> Svg {
 /// # Errors
 /// The drawing library could not draw it.
 pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Vec<Panel>)], step: f64) -> Svg {
-    let draw: Vec<_> =
-        shown.iter().map(|(_, panels)| move |area: &Area<'_>| draw(area, panels, step)).collect();
-    let parts = shown.iter().zip(&draw).map(|((name, panels), draw)| (*name, height(panels), draw as _));
-    stacked(SHEET_WIDTH, title, &parts.collect::<Vec<Part<'_>>>())
+    stacked_tests(title, shown, |panels| height(panels), |area, panels| draw(area, panels, step))
 }
 
 fn draw(area: &Area<'_>, panels: &[Panel], step_um: f64) -> Drawn {

@@ -3,9 +3,11 @@
 
 use plotters::prelude::*;
 
+use crate::evaluate::headed;
+use crate::numerals::hull;
 use crate::report::plot::{
-    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, Part, SHEET_WIDTH, Svg, VERMILLION, hull, legend,
-    stacked, with_room, words,
+    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, stacked,
+    stacked_tests, with_room, words,
 };
 use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
 use volcomp_units::axes::Travel;
@@ -56,11 +58,7 @@ pub(in crate::evaluate) fn whole(title: &str, after: &Shown<'_>, before: Option<
         [Some(after.result), before.map(|b| b.result)],
         [after.readings, before.map_or(&[][..], |b| b.readings)],
     );
-    let draw_after = |area: &Area<'_>| draw(area, after, y);
-    let Some(before) = before else { return stacked(SHEET_WIDTH, title, &[("", HEIGHT, &draw_after)]) };
-    let draw_before = |area: &Area<'_>| draw(area, before, y);
-    let parts: [Part<'_>; 2] = [("before", HEIGHT, &draw_before), ("after, same scale", HEIGHT, &draw_after)];
-    stacked(SHEET_WIDTH, title, &parts)
+    stacked_tests(title, &headed(before, after), |_| HEIGHT, |area, test| draw(area, test, y))
 }
 
 /// A test in an area; also used small, for the diagonals.

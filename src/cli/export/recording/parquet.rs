@@ -168,5 +168,5 @@ fn write_group(
 }
 
 fn failure(path: &Path, error: &ParquetError) -> Failure {
-    Failure::new(EX_IOERR, format_args!("error: {}: {error}", path.display()))
+    failure!(EX_IOERR, "{}: {error}", path.display())
 }

@@ -12,7 +12,7 @@ use super::method::{Found, Front, Method};
 use crate::arg_parsers::{above_zero, point};
 use crate::files::read_model;
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
-use crate::positioning_data::{TestColumns, no_rows};
+use crate::positioning_data::TestColumns;
 use crate::units::{key, or_dash};
 use crate::{Failure, Result, table};
 use volcomp_config::model::Provenance;
@@ -75,10 +75,7 @@ impl Method for Args {
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
-        let Some(path) = self.case.data(&self.data) else {
-            return Err(usage!("give --data or --input"));
-        };
-        Ok(Some(Box::new(Outcome::of(self, path)?)))
+        Ok(Some(Box::new(Outcome::of(self, self.case.required(&self.data)?)?)))
     }
 }
 
@@ -199,18 +196,21 @@ struct Line {
 
 /// Why the result would be worth little.
 fn refusal(path: &Path, missing: &[MissingAngle], has_model: bool) -> Failure {
-    let names: Vec<String> = missing.iter().map(|m| m.symbol.to_string()).collect();
     let worst = missing
         .iter()
         .flat_map(|m| m.bias.iter().zip(SQUARENESS).map(move |(b, s)| (b.abs(), s, m.symbol)))
         .fold((0.0, SQUARENESS[0], missing[0].symbol), |a, b| if b.0 > a.0 { b } else { a });
     let source = if has_model { "the model lacks" } else { "no --model with" };
     let (worst, of, angle) = (10.0 * worst.0, worst.1, worst.2);
-    let what = format_args!(
+    data!(
+        path,
         "{source} {}: angular errors do not cancel on diagonals (10 arcsec of {angle} over the box change {of} by {worst:.1} arcsec); measure the angles and give --model, or accept and state a bound with --accept-bias-arcsec",
-        names.join(" ")
-    );
-    Failure::data(path, what)
+        names_of(missing)
+    )
+}
+
+fn names_of(missing: &[MissingAngle]) -> String {
+    missing.iter().map(|m| m.symbol.to_string()).collect::<Vec<_>>().join(" ")
 }
 
 /// RMS of the intermediate steps about the model with the squareness found and a common scale.
@@ -254,14 +254,14 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
     if columns.kind == AxisKind::Rotary {
         return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
-    let mut readings: Vec<RunReading> = Vec::new();
-    while table.advance()? {
+    let mut row = 0.0;
+    table.some_rows(|table| {
         let word = table.word(name);
         let Some((diagonal, reversed)) = diagonal_of(&word) else {
             let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
-        let mut reading = columns.reading(&table)?;
+        let mut reading = columns.reading(table)?;
         if !(-1e-3..=length * (1.0 + 1e-6) + 1e-3).contains(&reading.position) {
             let what = format_args!(
                 "{word}: target {} mm lies outside the diagonal of {length:.4} mm; is --box-mm right?",
@@ -277,13 +277,10 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
                 ..reading
             };
         }
-        let time = time.map_or(Ok(readings.len() as f64), |c| table.number(c))?;
-        readings.push(RunReading { diagonal, reading, time });
-    }
-    if readings.is_empty() {
-        return Err(no_rows(table.file()));
-    }
-    Ok(readings)
+        let time = time.map_or(Ok(row), |c| table.number(c))?;
+        row += 1.0;
+        Ok(RunReading { diagonal, reading, time })
+    })
 }
 
 /// Index into [`SIGNS`], and whether the name starts from the other end.
@@ -356,8 +353,7 @@ impl Found for Outcome<'_> {
             say!("one displacement repeats to {:.2} um ({} degrees of freedom)", um(std), ends.dof);
         }
         if let Some(bound) = self.bound {
-            let names: Vec<String> = self.missing.iter().map(|m| m.symbol.to_string()).collect();
-            let names = names.join(" ");
+            let names = names_of(&self.missing);
             say!("bias up to {bound:.2} arcsec accepted: no data of {names}; added to the interval");
         }
         if ends.open_runs > 0 {

@@ -16,6 +16,7 @@ use super::columns::{self, Column, Columns};
 use super::method::{Found, Front, Method, printed};
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
 use crate::arg_parsers::linear_axis;
+use crate::numerals::hull;
 use crate::units::{Units, column, key, or_dash};
 use crate::{Failure, Result};
 use volcomp_identify::Reading;
@@ -192,8 +193,7 @@ fn level_of(path: &Path, rows: &[Reading], levels: &[(f64, f64)]) -> Result<Leve
     if levels.is_empty() {
         return Ok(Level::None);
     }
-    let low = rows.iter().map(|r| r.position).fold(f64::INFINITY, f64::min);
-    let high = rows.iter().map(|r| r.position).fold(f64::NEG_INFINITY, f64::max);
+    let [low, high] = hull(rows.iter().map(|r| r.position));
     let mean = |x: f64| {
         let there: Vec<f64> = levels.iter().filter(|(p, _)| *p == x).map(|(_, v)| *v).collect();
         (!there.is_empty()).then(|| there.iter().sum::<f64>() / there.len() as f64)
@@ -286,9 +286,8 @@ impl Found for Outcome<'_> {
         for m in &self.measured {
             let symbol = m.symbol(self.axis);
             let Units { value: unit, of_value, .. } = Units::of(symbol);
-            let values = || m.readings.iter().map(|r| of_value(r.value));
-            let range = values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min);
-            let std = or_dash(m.std.map(of_value), 3);
+            let [low, high] = hull(m.readings.iter().map(|r| of_value(r.value)));
+            let (range, std) = (high - low, or_dash(m.std.map(of_value), 3));
             say!("{symbol:<8}{range:>10.2} {unit:<7}{std:>12} {unit}");
         }
         say!();

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use crate::Result;
 use crate::identify::motion_curves::read_motions;
 use crate::units::{Units, or_dash};
-use crate::{Failure, Result};
 use volcomp_identify::motion::{Gauged, means, symbols};
 use volcomp_model::Component;
 use volcomp_units::axes::AxisName;
@@ -51,8 +51,7 @@ impl Comparison {
         }
         if differences.len() < 2 {
             let n = differences.len();
-            let what = format_args!("{n} positions in common; measure both methods at the same positions");
-            return Err(Failure::data(path, what));
+            return Err(data!(path, "{n} positions in common; measure both methods at the same positions"));
         }
         let count = differences.len() as f64;
         // a constant is free: each method has its own zero

@@ -264,14 +264,9 @@ impl Report for Misfit {
     }
 
     fn print(&self, motions: &Motions<'_>) {
-        let (axis, r) = (motions.origin.axis, motions.origin.reference);
+        let (axis, [x, y, z]): (_, [f64; 3]) = (motions.origin.axis, motions.origin.reference.into());
         let (lines, rows) = (self.lines, motions.gauged.rows.len());
-        say!(
-            "{axis} on {lines} lines at {rows} stops; ex ey ez at ({:.3} {:.3} {:.3}) mm in M at home",
-            r.x,
-            r.y,
-            r.z
-        );
+        say!("{axis} on {lines} lines at {rows} stops; ex ey ez at ({x:.3} {y:.3} {z:.3}) mm in M at home");
         let Self { condition, chi2, dof, .. } = self;
         match self.p_value() {
             Some(p) => {
@@ -290,11 +285,10 @@ impl Report for Misfit {
     }
 
     fn warn(&self, _: usize) {
+        let Self { chi2, dof, .. } = self;
         if self.p_value().is_some_and(|p| p < SIGNIFICANT) {
             note!(
-                "warning: the readings contradict each other by more than their noise (chi2 {:.1}, {} degrees of freedom); is a line misplaced, or --noise-um too small?",
-                self.chi2,
-                self.dof
+                "warning: the readings contradict each other by more than their noise (chi2 {chi2:.1}, {dof} degrees of freedom); is a line misplaced, or --noise-um too small?"
             );
         }
     }

@@ -14,6 +14,7 @@ use super::columns::{self, Column, Columns, RunColumns};
 use super::method::{Found, Front, Method, printed};
 use crate::arg_parsers::{linear_axis, point};
 use crate::files::write_text;
+use crate::numerals::hull;
 use crate::units::{Units, column, key};
 use crate::{EX_CONFIG, Failure, Result};
 use volcomp_identify::Reading;
@@ -65,10 +66,8 @@ impl Method for Args {
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
-        let mut lines = Vec::with_capacity(3);
-        for rule in Rule::ALL {
-            lines.push((rule.name(), Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?));
-        }
+        let fit = |rule: Rule| Ok((rule.name(), Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?));
+        let mut lines = Rule::ALL.into_iter().map(fit).collect::<Result<Vec<_>>>()?;
         let mut json = json!({});
         for (name, line) in &lines {
             json[*name] = json!({
@@ -142,7 +141,8 @@ impl ErrorFigures {
                 lines.push((rule, line));
             }
         }
-        Ok(Self { symbol, range: range(&y), lines })
+        let [low, high] = hull(y);
+        Ok(Self { symbol, range: high - low, lines })
     }
 }
 
@@ -188,7 +188,7 @@ impl Found for Outcome<'_> {
 }
 
 fn mistake(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_CONFIG, format_args!("error: {what}"))
+    failure!(EX_CONFIG, "{what}")
 }
 
 /// Compares a tilt test with the table, or makes the table from it.
@@ -379,10 +379,4 @@ fn move_to_base(
         }
     }
     Ok(())
-}
-
-fn range(values: &[f64]) -> f64 {
-    let (low, high) =
-        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    high - low
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use crate::Result;
 use crate::identify::columns;
 use crate::identify::tracker_points::{Frame, PointColumns, TrackerArgs};
-use crate::{Failure, Result};
 use volcomp_identify::threepoint::{Seen, Shot};
 use volcomp_model::geometry::Vec3;
 
@@ -79,11 +79,11 @@ pub(super) fn poses(path: &Path, frame: &Frame, names: &mut Vec<String>) -> Resu
         columns.push((index, found));
     }
     if columns.len() < 2 {
-        let what = format_args!(
+        return Err(data!(
+            path,
             "{} points; rigidity compares distances between points with columns NAME_x_mm, NAME_y_mm, NAME_z_mm (or NAME_range_mm, NAME_azimuth_deg, NAME_elevation_deg)",
             columns.len()
-        );
-        return Err(Failure::data(path, what));
+        ));
     }
     table.rows(|row| {
         let mut pose = vec![None; names.len()];

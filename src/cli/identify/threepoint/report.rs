@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::of_geometry;
 use crate::identify::motion_curves::{Motions, Report};
 use crate::identify::tracker_points::{Frame, Registered};
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
@@ -55,12 +56,8 @@ impl Report for Threepoint {
         let (axis, r, g) = (motions.origin.axis, motions.origin.reference, &self.fit.poses[0].geometry);
         let SeriesFit { chi2, dof, .. } = self.fit;
         let (points, rows) = (self.names.len(), motions.gauged.rows.len());
-        say!(
-            "{axis} of {points} points at {rows} rows; ex ey ez at ({:.3} {:.3} {:.3}) mm in M at home",
-            r.x,
-            r.y,
-            r.z
-        );
+        let [x, y, z]: [f64; 3] = r.into();
+        say!("{axis} of {points} points at {rows} rows; ex ey ez at ({x:.3} {y:.3} {z:.3}) mm in M at home");
         if self.workpiece_side {
             say!(
                 "the carriage is on the workpiece side: motions of the tool relative to it (minus what the tracker saw)"
@@ -107,13 +104,11 @@ impl Report for Threepoint {
             let failing = self.failing();
             if lead > 1.5 {
                 note!(
-                    "warning: the points do not move as a rigid body ({} of {rows} rows fail): point {name} explains most of it (without it {lead:.1} times less is left than without the next one); is it loose, or its line of sight disturbed?",
-                    failing
+                    "warning: the points do not move as a rigid body ({failing} of {rows} rows fail): point {name} explains most of it (without it {lead:.1} times less is left than without the next one); is it loose, or its line of sight disturbed?"
                 );
             } else {
                 note!(
-                    "warning: the residuals are {factor:.2} times the stated noise ({} of {rows} rows fail), spread over the points (most at {name}): is the noise stated too small?",
-                    failing
+                    "warning: the residuals are {factor:.2} times the stated noise ({failing} of {rows} rows fail), spread over the points (most at {name}): is the noise stated too small?"
                 );
             }
             note!("note: the uncertainties given are enlarged by that factor");
@@ -122,19 +117,13 @@ impl Report for Threepoint {
 
     fn json(&self, motions: Value) -> Value {
         let g = &self.fit.poses[0].geometry;
+        let mut geometry = of_geometry(g);
+        geometry["off_line_rms"] = json!(g.off_line_rms);
         json!({
             "motions": motions,
             "workpiece_side": self.workpiece_side,
             "points": self.names,
-            "geometry": {
-                "rank": g.rank,
-                "rms_radius": g.rms_radius,
-                "singular_values_scaled": g.singular_values,
-                "condition_scaled": g.condition_scaled,
-                "condition_centroid": g.condition_centroid,
-                "off_line_rms": g.off_line_rms,
-                "roll_growth": g.roll_growth,
-            },
+            "geometry": geometry,
             "rigidity": {
                 "chi2": self.fit.chi2,
                 "dof": self.fit.dof,

@@ -83,10 +83,8 @@ pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
     if args.models.is_empty() && args.motion.is_empty() {
         return Err(Failure::usage("nothing to assemble; give model files, or --motion AXIS=FILE"));
     }
-    let mut out = Vec::new();
-    for path in &args.models {
-        out.push(model(path, args.absolute.contains(path))?);
-    }
+    let models = args.models.iter().map(|path| model(path, args.absolute.contains(path)));
+    let mut out = models.collect::<Result<Vec<_>, _>>()?;
     if let Some(wanted) = args.absolute.iter().find(|p| !args.models.contains(p)) {
         return Err(usage!("--absolute {}: no such input", wanted.display()));
     }

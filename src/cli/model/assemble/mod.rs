@@ -72,8 +72,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let loaded = input::load(args)?;
     let options = options(args, &loaded)?;
     let sources: Vec<_> = loaded.iter().map(|l| l.source.clone()).collect();
-    let done =
-        assemble(&sources, &options).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
+    let done = assemble(&sources, &options).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     let file = model_file(args, &loaded, &done);
     let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
     let comment = format!("Assembled from {} by volcomp model assemble.", names.join(", "));
@@ -102,10 +101,7 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
             ));
         }
     };
-    let mut prefer = Vec::new();
-    for text in &args.prefer {
-        prefer.push(preference(text, loaded)?);
-    }
+    let prefer = args.prefer.iter().map(|text| preference(text, loaded)).collect::<Result<_, _>>()?;
     let average = match &args.average[..] {
         [] => None,
         [all] if all == "all" => Some(None),

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
 use crate::model::report::kinds_words;
 use crate::quantities::{error_out, position_out, position_unit};
-use crate::report::plot::tick;
+use crate::report::plot::{tick, words};
 use volcomp_model::search::reference_pose;
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
 use volcomp_units::axes::{AxisName, Travel};
@@ -31,7 +31,7 @@ pub(super) fn draw_axis(area: &Area<'_>, spec: &ModelSpec, name: AxisName) -> Dr
     let own = spec.axis(name).sense == Sense::Carriage && spec.is_workpiece_side(name);
     let sense = if own { ", carriage sense over its own displacement" } else { "" };
     let title = format!("Error motions of {name}{sense}");
-    head.draw(&Text::new(title, (14, 12), (FONT, 18).into_font().color(&INK)))?;
+    words(&head, &title, (14, 12), 18)?;
     for (place, component) in body.split_evenly((2, 3)).iter().zip(Component::ALL) {
         draw(place, &Panel::of(spec, ErrorSymbol::Motion { component, axis: name }))?;
     }
@@ -168,7 +168,7 @@ fn draw(area: &Area<'_>, panel: &Panel) -> Drawn {
         chart.draw_series(LineSeries::new(panel.reverse.iter().copied(), VERMILLION.stroke_width(2)))?;
     }
     if let Some(note) = panel.note {
-        area.draw(&Text::new(note, (72, 28), (FONT, 11).into_font().color(&INK)))?;
+        words(area, note, (72, 28), 11)?;
     }
     Ok(())
 }

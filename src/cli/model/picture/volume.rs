@@ -3,7 +3,8 @@
 
 use plotters::prelude::*;
 
-use super::{Area, BLUE, Drawn, FONT, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
+use super::{Area, BLUE, Drawn, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
+use crate::report::plot::words;
 use volcomp_model::geometry::{Vec3, unit};
 use volcomp_model::search::reference_pose;
 use volcomp_model::wireframe::{self, Edge, Wire, Wireframe};
@@ -34,7 +35,7 @@ pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
         "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, largest on the grid {:.1} µm{home}",
         um_from_mm(largest)
     );
-    area.draw(&Text::new(title, (14, 12), (FONT, 18).into_font().color(&INK)))?;
+    words(area, &title, (14, 12), 18)?;
     for wire in wires.iter().filter(|w| w.front) {
         area.draw(&PathElement::new(view.path(wire, 0.0), NOMINAL.stroke_width(1)))?;
     }
@@ -86,12 +87,11 @@ fn draw_axes(area: &Area<'_>, view: &View, spec: &ModelSpec, edges: &[Edge]) -> 
         let beyond = end + unit(direction) * (ARROW / view.scale);
         area.draw(&PathElement::new(vec![view.at(&start), view.at(&beyond)], INK.stroke_width(2)))?;
         let (x, y) = view.at(&(end + unit(direction) * (1.25 * ARROW / view.scale)));
-        let letter = Text::new(edge.axis.to_string(), (x - 6, y - 9), (FONT, 18).into_font().color(&INK));
-        area.draw(&letter)?;
+        words(area, &edge.axis.to_string(), (x - 6, y - 9), 18)?;
     }
     let travels = edges.iter().map(|e| format!("{} {} to {} mm", e.axis, e.range[0], e.range[1]));
     let travels = travels.collect::<Vec<_>>().join(", ");
-    area.draw(&Text::new(travels, (14, TITLE as i32 + 4), (FONT, 13).into_font().color(&INK)))?;
+    words(area, &travels, (14, TITLE as i32 + 4), 13)?;
     let elsewhere: Vec<String> = spec
         .chain
         .axes()
@@ -102,7 +102,7 @@ fn draw_axes(area: &Area<'_>, view: &View, spec: &ModelSpec, edges: &[Edge]) -> 
         .collect();
     if !elsewhere.is_empty() {
         let text = format!("{} at the end of travel nearest to home", elsewhere.join(", "));
-        area.draw(&Text::new(text, (14, TITLE as i32 + 24), (FONT, 13).into_font().color(&INK)))?;
+        words(area, &text, (14, TITLE as i32 + 24), 13)?;
     }
     Ok(())
 }
@@ -116,7 +116,7 @@ fn draw_legend(area: &Area<'_>) -> Drawn {
     ];
     for (x, colour, label) in entries {
         area.draw(&PathElement::new(vec![(x, y), (x + 26, y)], colour.stroke_width(3)))?;
-        area.draw(&Text::new(label, (x + 32, y - 7), (FONT, 14).into_font().color(&INK)))?;
+        words(area, label, (x + 32, y - 7), 14)?;
     }
     Ok(())
 }
