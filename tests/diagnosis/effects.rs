@@ -150,6 +150,31 @@ fn two_effects_are_both_named() {
 }
 
 #[test]
+fn the_length_of_the_ballbar_hides_no_cause_of_a_campaign() {
+    let campaign = Campaign::full();
+    let lagged = Lagged::of_the_campaign();
+    let all = cases(&lagged);
+    let of = |label: &str| &all.iter().find(|c| c.0 == label).unwrap().1;
+    let (first, second) = (of("backlash:x"), of("squareness:xy"));
+    for length_um in [20.0, 60.0] {
+        let truth = |s: &State| {
+            let (p, q) = (first(s), second(s));
+            let length = if s.instrument == "ballbar" { length_um } else { 0.0 };
+            core::array::from_fn(|k| p[k] + q[k] + length * s.u[k])
+        };
+        let d = run(&campaign, &truth, NOISE, &[]);
+        let mut named = declared(&d.report);
+        named.sort();
+        assert_eq!(named, ["backlash:x", "squareness:xy"], "{length_um}: {}", table(&d.report));
+        let note = d.report.notes.iter().find(|n| n.contains("the length of the bar")).unwrap();
+        let taken_off: f64 =
+            note.split("a constant of ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!((taken_off - length_um).abs() < 2.0, "{note}");
+        assert!(d.report.gap.rms_um < 0.3 * length_um, "it is no part of the gap: {}", d.report.gap.rms_um);
+    }
+}
+
+#[test]
 fn an_effect_that_varies_over_the_volume_is_one_effect() {
     let campaign = Campaign::full();
     let lagged = Lagged::of_the_campaign();

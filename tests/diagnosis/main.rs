@@ -7,5 +7,5 @@ mod head;
 mod instruments;
 mod page;
 mod real;
-mod rotary;
+mod sensitivity;
 mod support;
