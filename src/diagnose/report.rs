@@ -139,6 +139,9 @@ pub struct Cause {
     /// delay, and whatever was taken out of the library.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub re_expression_of: Vec<String>,
+    /// Columns of the log that drive it, such as a thermometer.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sources: Vec<String>,
     /// Fitted values; names end in their unit.
     pub parameters: BTreeMap<String, Value>,
     /// Share by which the gap shrinks when this alone is added.

@@ -57,6 +57,7 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
         declared: true,
         confounded_with: Vec::new(),
         re_expression_of: Vec::new(),
+        sources: Vec::new(),
         parameters: parameters
             .iter()
             .map(|(n, value, std)| ((*n).to_owned(), Value { value: *value, std: *std }))

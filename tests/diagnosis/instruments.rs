@@ -100,6 +100,26 @@ fn the_remainder_is_no_larger_than_what_is_left_and_what_is_negligible_stands_la
     assert!(said.find("(scale:x)").unwrap() < said.find("(backlash:x)").unwrap(), "{said}");
 }
 
+#[test]
+fn the_width_of_a_backlash_that_changes_is_that_in_the_middle_of_the_data() {
+    let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    for cycle in 1..6_u32 {
+        for reading in 0..42_u32 {
+            let (k, sign) = if reading < 21 { (reading, 1.0) } else { (41 - reading, -1.0) };
+            let x = 600.0 + 15.0 * f64::from(k) + 4.0 * f64::from(k * 7 % 5) / 5.0;
+            let width = 6.0 + 0.03 * (x - 752.0);
+            let noise = 0.3 * (f64::from((reading * 7919 + cycle * 104_729) % 1009) / 1009.0 - 0.5);
+            writeln!(table, "{cycle},{sign},{x:.2},{:.3}", -0.5 * sign * width + noise).unwrap();
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.csv");
+    std::fs::write(&path, table).unwrap();
+    let said = printed(&path, &["--axis", "x"]);
+    assert!((number_after(&said, ", width ") - 6.0).abs() < 0.2, "{said}");
+    assert!(said.contains(" µm at X 75"), "at zero it would be -16.6 um: {said}");
+}
+
 fn refused(path: &Path, code: i32) -> String {
     let directory = tempfile::tempdir().unwrap();
     let done = run(directory.path(), path, &[]);

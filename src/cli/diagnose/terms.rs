@@ -94,12 +94,16 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
     };
     let physical = cause.parameters.iter().filter(|(name, v)| told(name) && seen(v));
     let turns = matches!(cause.subject.as_str(), "a" | "b" | "c");
-    let entry = found.addition.effects.iter().find(|e| e.name == cause.effect && e.subject == cause.subject);
-    let mut sources: Vec<String> =
-        entry.into_iter().flat_map(|e| e.shape.signals()).map(|s| format!("by {}", s.source)).collect();
-    sources.dedup();
+    let in_the_middle = width_in_the_middle(found, cause);
     physical
         .map(|(name, v)| {
+            if let ("width_um", Some((place, width))) = (name.as_str(), in_the_middle) {
+                return format!(
+                    "width {} µm at {} {place:.0} mm",
+                    with_uncertainty(width),
+                    cause.subject.to_uppercase()
+                );
+            }
             let (stem, unit) = match unit_of(name).unwrap_or((name, "")) {
                 (stem, "µm/m") if turns => (stem, "µrad/rad"),
                 other => other,
@@ -111,12 +115,27 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
             if unit == "″" {
                 // 1 arcsec is 4.848 um/m
                 let um_per_m = Value { value: 4.848_136_8 * v.value, std: 4.848_136_8 * v.std };
-                text = format!("{text} ({} µm/m)", with_uncertainty(um_per_m));
+                let unit = if turns { "µrad" } else { "µm/m" };
+                text = format!("{text} ({} {unit})", with_uncertainty(um_per_m));
             }
             text.trim().to_owned()
         })
-        .chain(sources)
+        .chain(cause.sources.iter().map(|source| format!("by {source}")))
         .collect()
+}
+
+/// Width of a backlash that changes with the position, in the middle of the data (mm, um): that at zero may lie far outside.
+fn width_in_the_middle(found: &Diagnosis, cause: &Cause) -> Option<(f64, Value)> {
+    let entry =
+        found.addition.effects.iter().find(|e| e.name == cause.effect && e.subject == cause.subject)?;
+    let at = |name: &str| entry.parameter_names.iter().position(|n| n == name);
+    let (width, slope) = (at("width_um")?, at("width_slope_um_per_m")?);
+    let [low, high] = *entry.valid.get(&format!("{}_mm", cause.subject))?;
+    let (place, metres) = (0.5 * (low + high), 0.5e-3 * (low + high));
+    let c = |i: usize, j: usize| entry.covariance[i][j];
+    let variance = c(width, width) + 2.0 * metres * c(width, slope) + metres * metres * c(slope, slope);
+    let value = entry.values[width] + metres * entry.values[slope];
+    Some((place, Value { value, std: variance.max(0.0).sqrt() }))
 }
 
 /// Words of the name of a parameter, its unit left out: `growth_x_after_2400s` is `growth x after 2400 s`.
@@ -208,9 +227,14 @@ impl Compensable {
         Self { fates, is_assumed: spec.is_none() }
     }
 
-    /// In words.
-    pub(super) fn words(&self, cause: &Cause) -> String {
+    /// In words; a correction that does harm is not advised.
+    pub(super) fn words(&self, cause: &Cause, found: &Diagnosis) -> String {
         match self.fates.get(&cause.label()) {
+            Some(Fate::Taken(_))
+                if found.budget.correction(&cause.label()).is_some_and(|x| x.share < 0.0) =>
+            {
+                "not advised: take it out of the addition".to_owned()
+            }
             Some(fate @ Fate::Taken(_)) => format!("yes, as {}", fate.symbols().join(" ")),
             Some(Fate::Left(why)) => format!("no: {why}"),
             None if cause.kind == Kind::Machine => "no".to_owned(),

@@ -161,7 +161,7 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
                 say!("      {}", values.join(", "));
             }
             if c.kind != Kind::Stochastic {
-                say!("      volcompd: {}", compensable.words(c));
+                say!("      volcompd: {}", compensable.words(c, found));
             }
             doubts(c);
         }

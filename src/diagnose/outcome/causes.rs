@@ -71,6 +71,7 @@ pub(super) fn causes(
                 Vec::new()
             },
             re_expression_of: Vec::new(),
+            sources: Vec::new(),
             parameters: BTreeMap::new(),
             shrink: 0.0,
             remark: format!("alternative to {}", instead.label),
@@ -89,6 +90,9 @@ pub(super) fn rejected(a: &Analysis, listed: &[Cause]) -> Vec<Cause> {
 
 /// A cause of the report.
 fn cause(x: &Assessed, a: &Analysis, parameters: BTreeMap<String, Value>, shrink: f64) -> Cause {
+    let signals = a.library.variants[x.variant].shape.signals();
+    let mut sources: Vec<String> = signals.iter().map(|s| s.source.to_string()).collect();
+    sources.dedup();
     Cause {
         effect: x.label.effect.to_owned(),
         subject: x.label.subject.clone(),
@@ -97,6 +101,7 @@ fn cause(x: &Assessed, a: &Analysis, parameters: BTreeMap<String, Value>, shrink
         declared: x.is_declared(),
         confounded_with: x.same.iter().map(ToString::to_string).collect(),
         re_expression_of: Vec::new(),
+        sources,
         parameters,
         shrink,
         remark: remark(x),

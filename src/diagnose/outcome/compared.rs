@@ -168,7 +168,7 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
         words.push(format!(
             "a discrepancy of {:.2} µm RMS that {}{}",
             s.discrepancy_um2.sqrt(),
-            if kinds.is_empty() { "has no effect in the library".to_owned() } else { kinds.join(" and ") },
+            if kinds.is_empty() { "is of no effect established".to_owned() } else { kinds.join(" and ") },
             if is_pointwise { &values } else { "" }
         ));
     }

@@ -89,6 +89,7 @@ pub(super) fn drift(session: &Session, a: &Analysis) -> Option<Cause> {
         declared: false,
         confounded_with: Vec::new(),
         re_expression_of: Vec::new(),
+        sources: Vec::new(),
         parameters: [
             ("drift_um".to_owned(), value(noise.drift_um, 0.0)),
             ("correlation_time_s".to_owned(), value(noise.drift_s, 0.0)),

@@ -164,7 +164,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable) -> Vec<Cel
     let mut last = Vec::new();
     if c.declared {
         last.push(remedy(c, found).to_owned());
-        last.push(format!("volcompd: {}", compensable.words(c)));
+        last.push(format!("volcompd: {}", compensable.words(c, found)));
     } else {
         last.push(if c.remark.is_empty() {
             "not established".to_owned()
