@@ -1,5 +1,8 @@
 //! Tests that read angles (rotary axes, angular error motions) or readings across an axis: what they cannot see is not named.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
+
 use std::fmt::Write;
 
 use rand::{RngExt, SeedableRng};
