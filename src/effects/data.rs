@@ -46,6 +46,8 @@ pub struct Data {
     pub lights: Vec<Light>,
     /// Some reading is of an angle.
     pub angular: bool,
+    /// All readings are of angles.
+    pub only_angles: bool,
     /// Some reading is of a ballbar.
     pub ballbar: bool,
     /// An instrument has a known station.

@@ -47,6 +47,7 @@ pub(super) fn data(s: &Session) -> Data {
         ranges: changes(MOVES[0], &|m| m.range_mm),
         lights: Light::ALL.into_iter().filter(|l| any(&|m| m.light == Some(*l))).collect(),
         angular: any(&|m| m.is_angular()),
+        only_angles: !any(&|m| !m.is_angular()),
         ballbar: any(&|m| m.is_ballbar),
         stations: any(&|m| m.station_mm.iter().all(|v| v.is_finite())),
         one_setup: s.setups.len() == 1,

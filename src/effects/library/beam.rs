@@ -23,6 +23,9 @@ pub(crate) static SAG: Effect = Effect {
     variants: |data, of| {
         let axis = of.axis;
         let Some([low, high]) = data.moved(axis)?.filter(|_| axis != Axis::Z) else { return Ok(Vec::new()) };
+        if data.only_angles {
+            return Err("angles alone show its slope only, which is an angular error motion".into());
+        }
         let (half, own) = (0.5 * (high - low), data.lever(axis));
         // under a head the slope turns all that hangs on it
         let under = data.head().then_some(own);

@@ -55,6 +55,7 @@ fn all_data() -> Data {
         ranges: true,
         lights: Light::ALL.into(),
         angular: true,
+        only_angles: false,
         ballbar: true,
         stations: true,
         one_setup: true,
