@@ -15,7 +15,7 @@ pub(super) fn without_offsets(session: &Session, values: &[f64], used: &[bool]) 
     }
     let mut out = vec![f64::NAN; values.len()];
     for rows in by_setup.iter().filter(|r| !r.is_empty()) {
-        let rotates = session.rotates(rows[0]);
+        let rotates = session.rotates(rows[0], false);
         let centre = rows.iter().fold(Vec3::zeros(), |c, i| c + place(session, *i)) / rows.len() as f64;
         let width = if rotates { 6 } else { 3 };
         let mut g = DMatrix::<f64>::zeros(width, width);

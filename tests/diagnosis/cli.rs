@@ -142,7 +142,8 @@ fn is_a_report(r: &Value) {
     }
 }
 
-fn declared(r: &Value) -> Vec<String> {
+/// Labels declared, of a report as JSON.
+pub(crate) fn declared(r: &Value) -> Vec<String> {
     let all = r["causes"].as_array().unwrap();
     let label = |c: &Value| format!("{}:{}", c["effect"].as_str().unwrap(), c["subject"].as_str().unwrap());
     all.iter().filter(|c| c["declared"] == true).map(label).collect()

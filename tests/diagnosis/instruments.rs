@@ -76,22 +76,32 @@ pub(crate) fn number_after(text: &str, words: &str) -> f64 {
     rest.split_whitespace().next().unwrap().replace('\u{2212}', "-").parse().unwrap()
 }
 
-#[test]
-fn the_remainder_is_no_larger_than_what_is_left_and_what_is_negligible_stands_last() {
+/// What is printed of an ISO 230-2 test of X: five cycles to the last of 21 targets and back, of which target and deviation (um,
+/// by position and direction) are given, with noise in a range of `noise_um`.
+fn printed_test(
+    target_mm: impl Fn(u32) -> f64,
+    deviation_um: impl Fn(f64, f64) -> f64,
+    noise_um: f64,
+) -> String {
     let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
     for cycle in 1..6_u32 {
         for reading in 0..42_u32 {
             let (k, sign) = if reading < 21 { (reading, 1.0) } else { (41 - reading, -1.0) };
-            let x = 8.5 + 41.65 * f64::from(k);
-            let noise = 0.35 * (f64::from((reading * 7919 + cycle * 104_729) % 1009) / 1009.0 - 0.5);
-            let deviation = -0.018 * x + 9.0 * (x / 130.0).sin() - 0.135 * sign + noise;
-            writeln!(table, "{cycle},{sign},{x:.2},{deviation:.3}").unwrap();
+            let x = target_mm(k);
+            let noise = noise_um * (f64::from((reading * 7919 + cycle * 104_729) % 1009) / 1009.0 - 0.5);
+            writeln!(table, "{cycle},{sign},{x:.2},{:.3}", deviation_um(x, sign) + noise).unwrap();
         }
     }
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("x.csv");
     std::fs::write(&path, table).unwrap();
-    let said = printed(&path, &["--axis", "x"]);
+    printed(&path, &["--axis", "x"])
+}
+
+#[test]
+fn the_remainder_is_no_larger_than_what_is_left_and_what_is_negligible_stands_last() {
+    let curve = |x: f64, sign: f64| -0.018 * x + 9.0 * (x / 130.0).sin() - 0.135 * sign;
+    let said = printed_test(|k| 8.5 + 41.65 * f64::from(k), curve, 0.35);
     let left = number_after(&said, "expected to leave ");
     assert!(number_after(&said, "of which ") <= left, "{said}");
     assert!(number_after(&said, "\nunexplained: ") <= left, "{said}");
@@ -102,20 +112,8 @@ fn the_remainder_is_no_larger_than_what_is_left_and_what_is_negligible_stands_la
 
 #[test]
 fn the_width_of_a_backlash_that_changes_is_that_in_the_middle_of_the_data() {
-    let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
-    for cycle in 1..6_u32 {
-        for reading in 0..42_u32 {
-            let (k, sign) = if reading < 21 { (reading, 1.0) } else { (41 - reading, -1.0) };
-            let x = 600.0 + 15.0 * f64::from(k) + 4.0 * f64::from(k * 7 % 5) / 5.0;
-            let width = 6.0 + 0.03 * (x - 752.0);
-            let noise = 0.3 * (f64::from((reading * 7919 + cycle * 104_729) % 1009) / 1009.0 - 0.5);
-            writeln!(table, "{cycle},{sign},{x:.2},{:.3}", -0.5 * sign * width + noise).unwrap();
-        }
-    }
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("x.csv");
-    std::fs::write(&path, table).unwrap();
-    let said = printed(&path, &["--axis", "x"]);
+    let target = |k: u32| 600.0 + 15.0 * f64::from(k) + 4.0 * f64::from(k * 7 % 5) / 5.0;
+    let said = printed_test(target, |x, sign| -0.5 * sign * (6.0 + 0.03 * (x - 752.0)), 0.3);
     assert!((number_after(&said, ", width ") - 6.0).abs() < 0.2, "{said}");
     assert!(said.contains(" µm at X 75"), "at zero it would be -16.6 um: {said}");
 }

@@ -5,23 +5,21 @@
 
 use std::fmt::Write;
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use super::instruments::diagnose;
+use super::support::normal;
 
 /// A table with the columns of ISO 230-2 for a rotary axis: five cycles over the whole turn and back; `angle_arcsec` of
 /// position (deg) and direction.
 fn test(seed: u64, noise_arcsec: f64, angle_arcsec: &dyn Fn(f64, f64) -> f64) -> String {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = normal(seed);
     let mut table = "cycle,direction,target_deg,deviation_arcsec\n".to_owned();
     for cycle in 1..=5 {
         for sign in [1.0, -1.0] {
             for k in 0..13 {
                 let target = 30.0 * f64::from(if sign > 0.0 { k } else { 12 - k });
-                let normal: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
-                let deviation = angle_arcsec(target, sign) + noise_arcsec * normal;
+                let deviation = angle_arcsec(target, sign) + noise_arcsec * noise();
                 writeln!(table, "{cycle},{sign},{target},{deviation:.3}").unwrap();
             }
         }
@@ -43,10 +41,7 @@ fn report(table: &str, model: Option<&str>, axis: &str) -> Value {
 }
 
 fn declared(report: &Value) -> Vec<String> {
-    let causes = report["causes"].as_array().unwrap().iter().filter(|c| c["declared"] == true);
-    let mut all: Vec<String> = causes
-        .map(|c| format!("{}:{}", c["effect"].as_str().unwrap(), c["subject"].as_str().unwrap()))
-        .collect();
+    let mut all = super::cli::declared(report);
     all.sort();
     all
 }
@@ -123,15 +118,14 @@ fn across(
     seed: u64,
     value_um: &dyn Fn(f64) -> f64,
 ) -> String {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = normal(seed);
     let mut rows = String::new();
     for repeat in 1..=5 {
         for k in 0..42 {
             let x = 50.0 * f64::from(if k < 21 { k } else { 41 - k });
-            let normal: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
             let t = f64::from(repeat * 42 + k) * 7.0 + 2000.0 * seed as f64;
             write!(rows, "{t},level,{setup},{repeat},{repeat},{x},0,0,{},{},{},", u[0], u[1], u[2]).unwrap();
-            write!(rows, "{:.4}", value_um(x) + 0.1 * normal).unwrap();
+            write!(rows, "{:.4}", value_um(x) + 0.1 * noise()).unwrap();
             if let Some(lever) = lever {
                 write!(rows, ",{},{},{}", lever[0], lever[1], lever[2]).unwrap();
             }
@@ -177,12 +171,11 @@ fn the_slope_of_a_straightness_test_is_that_of_its_reference_line() {
 fn a_few_targets_are_a_table_that_does_not_swing_between_them() {
     let values = [1.4, 17.6, -11.5, 3.7, -8.3, -33.7, 0.1, 50.8, -20.1];
     let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
-    let mut random = ChaCha8Rng::seed_from_u64(9);
+    let mut noise = normal(9);
     for cycle in 1..=5 {
         for k in (0..9).chain((0..9).rev()) {
-            let noise = 4.0 * (random.random::<f64>() - 0.5);
             let direction = if table.lines().count() % 18 < 10 { 1 } else { -1 };
-            writeln!(table, "{cycle},{direction},{},{:.3}", 40 * k, values[k] + noise).unwrap();
+            writeln!(table, "{cycle},{direction},{},{:.3}", 40 * k, values[k] + 1.2 * noise()).unwrap();
         }
     }
     let directory = tempfile::tempdir().unwrap();

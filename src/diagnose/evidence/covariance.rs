@@ -273,7 +273,7 @@ fn offsets(session: &Session, groups: &[Vec<usize>]) -> DMatrix<f64> {
         } else {
             (0..3).for_each(|d| add(&|i| moment(i).u[d]));
         }
-        if session.has_reference_line || session.rotates(rows[0]) && !one_line {
+        if session.rotates(rows[0], one_line) {
             let centre = rows.iter().map(|i| moment(*i).seen_mm()).sum::<Vec3>() / rows.len() as f64;
             for d in 0..3 {
                 add(&|i| ((moment(i).seen_mm() - centre) * 1e-3).cross(&moment(i).u)[d]);

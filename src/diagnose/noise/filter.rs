@@ -125,7 +125,7 @@ impl Filter {
     fn setup(&mut self, session: &Session, noise: &[ClassNoise], rows: &[usize]) {
         let first = &session.moments[rows[0]];
         let one_line = rows.iter().all(|i| session.moments[*i].u.dot(&first.u).abs() > 0.9999);
-        let rotates = session.has_reference_line || session.rotates(rows[0]) && !one_line;
+        let rotates = session.rotates(rows[0], one_line);
         let drifts = rows.iter().any(|i| noise[session.readings[*i].instrument].drift_um > 0.0);
         let each = if one_line { 1 } else { 3 };
         let d = if drifts { each } else { 0 };

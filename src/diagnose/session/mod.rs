@@ -302,10 +302,12 @@ pub fn has_rotation(instrument: &str) -> bool {
 }
 
 impl Session {
-    /// True where a set-up is turned by a small unknown angle, too: that of a tracker or CMM, or of a reference line.
+    /// True where the set-up of a reading is turned by a small unknown angle, too: that of a reference line, and that of a tracker
+    /// or CMM unless all of it looks along `one_line`.
     #[must_use]
-    pub(crate) fn rotates(&self, reading: usize) -> bool {
-        self.has_reference_line || has_rotation(&self.instruments[self.readings[reading].instrument])
+    pub(crate) fn rotates(&self, reading: usize, one_line: bool) -> bool {
+        let turned = || has_rotation(&self.instruments[self.readings[reading].instrument]);
+        self.has_reference_line || !one_line && turned()
     }
 
     /// True where every set-up looks across the only linear axis that moves in it, the same in all, from which the slope of its
