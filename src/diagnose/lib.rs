@@ -168,8 +168,8 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         let mut named = library.clone();
         // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
         named.variants.retain(|v| v.shape.has_own_name());
-        if let Some(comparison) = evidence::compare(session, &named, &gap, &ordinary, &white) {
-            return compared(session, named, comparison, (gap, lattice_um, &white));
+        if let Some(analysis) = compare(session, named, &ordinary, (&gap, &lattice_um, &white)) {
+            return analysis;
         }
     }
     let by_label = library.by_label();
@@ -230,11 +230,36 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     }
 }
 
+/// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid
+/// must not decide between sets.
+fn compare(
+    session: &Session,
+    mut library: Library,
+    ordinary: &[bool],
+    (gap, lattice_um, white_um): (&[f64], &[f64], &[f64]),
+) -> Option<Analysis> {
+    let mut before = None;
+    for round in 1.. {
+        let comparison = evidence::compare(session, &library, gap, ordinary, white_um)?;
+        let chosen: Vec<usize> =
+            comparison.contenders.iter().filter(|c| c.chosen).map(|c| c.variant).collect();
+        let settled = round == ROUNDS || before.as_ref() == Some(&chosen);
+        let data = (gap.to_vec(), lattice_um.to_vec(), white_um);
+        let analysis = compared(session, library.clone(), (comparison, &chosen, settled), data);
+        if settled || analysis.library.variants == library.variants {
+            return Some(analysis);
+        }
+        library.variants.clone_from(&analysis.library.variants);
+        before = Some(chosen);
+    }
+    None
+}
+
 /// The analysis that a comparison of all sets of effects gives.
 fn compared(
     session: &Session,
     mut library: Library,
-    comparison: Comparison,
+    (comparison, chosen, jointly): (Comparison, &[usize], bool),
     (gap, lattice_um, white_um): (Vec<f64>, Vec<f64>, &[f64]),
 ) -> Analysis {
     let marked = (0..gap.len()).filter(|i| session.readings[*i].is_marked);
@@ -256,17 +281,21 @@ fn compared(
     let filter = Filter::dense(comparison.covariance.clone(), comparison.groups.clone(), comparison.white_um);
     let white: Vec<f64> = noise.iter().map(|c| c.white_um).collect();
     let mut problem = Problem::new(session, &library, &filter, &gap, &white);
-    let chosen: Vec<usize> = comparison.contenders.iter().filter(|c| c.chosen).map(|c| c.variant).collect();
-    chosen.iter().for_each(|v| problem.prepare(*v));
-    for place in 0..chosen.len() {
-        search::refine(&mut problem, session, &filter, &mut library, &chosen, place);
+    let mut ordered = chosen.to_vec();
+    let alone: Vec<f64> = chosen.iter().map(|v| problem.gain(&problem.given(&[]), *v).0).collect();
+    let place = |v: &usize| chosen.iter().position(|c| c == v).map_or(0.0, |k| -alone[k]);
+    ordered.sort_by(|a, b| place(a).total_cmp(&place(b)));
+    for k in 0..ordered.len() {
+        // a weaker effect may be the misfit of a stronger one: that is found without it, and then all together
+        let beside = if jointly { &ordered[..] } else { &ordered[..=k] };
+        search::refine(&mut problem, session, &filter, &mut library, beside, k);
     }
     chosen.iter().for_each(|v| problem.prepare(*v));
     let grid = library.by_label().iter().map(Vec::len).collect();
     let blind = problem.unseen(&library);
     library.blind.extend(blind);
     Analysis {
-        selection: Selection { chosen, grid, ..Selection::default() },
+        selection: Selection { chosen: chosen.to_vec(), grid, ..Selection::default() },
         library,
         problem,
         filter,

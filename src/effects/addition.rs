@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::machine_state::{MachineState, Signal, Source};
+use crate::machine_state::{Lagged, MachineState, Signal, Source};
 use crate::{Kind, Shape, WIDTH_MAX};
 use volcomp_model::geometry::Vec3;
 
@@ -260,8 +260,8 @@ impl Addition {
 pub struct Evaluator {
     entries: Vec<Entry>,
     signals: Vec<Signal>,
-    /// State of each signal: time, source and lagged value of the row before.
-    states: Vec<Option<(f64, f64, f64)>>,
+    /// State of each signal: time, source and lag of the row before.
+    states: Vec<Option<(f64, f64, Lagged)>>,
 }
 
 impl Evaluator {
@@ -293,10 +293,10 @@ impl Evaluator {
         for ((signal, state), now) in self.signals.iter().zip(&mut self.states).zip(sources) {
             let value = match state {
                 Some((t, before, lagged)) => signal.step(*lagged, moment.t_s - *t, *before, *now),
-                None => *now,
+                None => signal.start(*now),
             };
             *state = Some((moment.t_s, *now, value));
-            moment.signals.push(value);
+            moment.signals.push(value[0]);
         }
         self.at(moment)
     }

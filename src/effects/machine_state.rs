@@ -265,6 +265,8 @@ pub enum Source {
     Spindle,
     /// The column `temp_<name>_degc`.
     Temperature(String),
+    /// Commanded velocity of a linear axis, mm/s.
+    Velocity(Axis),
 }
 
 impl Source {
@@ -278,6 +280,12 @@ impl Source {
             None => None,
         }
     }
+
+    /// False for a motion of the axes, which the readings tell by themselves.
+    #[must_use]
+    pub const fn is_logged(&self) -> bool {
+        !matches!(self, Self::Velocity(_))
+    }
 }
 
 impl fmt::Display for Source {
@@ -285,11 +293,12 @@ impl fmt::Display for Source {
         match self {
             Self::Spindle => write!(f, "spindle_rpm"),
             Self::Temperature(name) => write!(f, "temp_{name}_degc"),
+            Self::Velocity(axis) => f.write_str(&axis.velocity_column()),
         }
     }
 }
 
-/// A source behind a first-order lag: `tau s' + s = source`.
+/// A source behind a lag: `tau s' = source^power - u`, `inner u' = s - u`; of first order where nothing lags inside (`u = s`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Signal {
@@ -297,17 +306,87 @@ pub struct Signal {
     pub source: Source,
     /// Time constant, s; 0 takes the source as it is.
     pub tau_s: f64,
+    /// Exponent of the speed of a spindle: its friction heats by more than the speed.
+    #[serde(default = "plain", skip_serializing_if = "is_plain")]
+    pub power: f64,
+    /// Time constant of the velocity loop inside a position loop, s.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub inner_s: f64,
 }
 
+const fn plain() -> f64 {
+    1.0
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+#[expect(clippy::float_cmp, reason = "the very value that stands for none")]
+fn is_plain(power: &f64) -> bool {
+    *power == plain()
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_none(inner_s: &f64) -> bool {
+    *inner_s <= 0.0
+}
+
+/// `s` and `u` of a [`Signal`].
+pub type Lagged = [f64; 2];
+
 impl Signal {
-    /// One step of the lag over `dt_s` towards the mean of the source meanwhile; exact for a source that stays.
+    /// A source behind a lag of first order.
     #[must_use]
-    pub fn step(&self, state: f64, dt_s: f64, before: f64, now: f64) -> f64 {
+    pub const fn of(source: Source, tau_s: f64) -> Self {
+        Self { source, tau_s, power: plain(), inner_s: 0.0 }
+    }
+
+    /// In equilibrium with a value of the source.
+    #[must_use]
+    pub fn start(&self, value: f64) -> Lagged {
+        [self.drive(value); 2]
+    }
+
+    /// What a value of the source drives the lag towards.
+    fn drive(&self, value: f64) -> f64 {
+        if is_plain(&self.power) { value } else { value.abs().powf(self.power) }
+    }
+
+    /// One step of the lag over `dt_s`; exact where the source drives it from `before` to `now` at one rate.
+    #[must_use]
+    pub fn step(&self, state: Lagged, dt_s: f64, before: f64, now: f64) -> Lagged {
         if self.tau_s <= 0.0 {
-            return now;
+            return self.start(now);
         }
-        let keep = (-dt_s.max(0.0) / self.tau_s).exp();
-        keep * state + (1.0 - keep) * 0.5 * (before + now)
+        if dt_s <= 0.0 {
+            return state;
+        }
+        let (before, now) = (self.drive(before), self.drive(now));
+        let rate = (now - before) / dt_s;
+        // behind a source that goes at this rate for ever: how far `u` and `s` are away from it
+        let (outer, inner) = (-self.tau_s * rate, self.inner_s * rate);
+        let off = [state[0] - before - outer - inner, state[1] - before - outer];
+        let [s, u] = self.decayed(off, dt_s);
+        [now + outer + inner + s, now + outer + u]
+    }
+
+    /// What is left after `dt_s` of a state off its equilibrium.
+    fn decayed(&self, [s, u]: Lagged, dt_s: f64) -> Lagged {
+        if is_none(&self.inner_s) {
+            return [s * (-dt_s / self.tau_s).exp(); 2];
+        }
+        // exp(A t) = e^(m t) (c I + z (A - m I)), m half the trace of A, c and z the (hyperbolic) cosine and sine over the root
+        let (outer, inner) = (1.0 / self.tau_s, 1.0 / self.inner_s);
+        let m = -0.5 * inner;
+        let square = m * m - outer * inner;
+        let root = square.abs().sqrt();
+        let (c, z) = if square > 0.0 {
+            let [up, down] = [(m + root) * dt_s, (m - root) * dt_s].map(f64::exp);
+            (0.5 * (up + down), 0.5 * (up - down) / root)
+        } else {
+            let fade = (m * dt_s).exp();
+            let sine = if root > 0.0 { (root * dt_s).sin() / root } else { dt_s };
+            (fade * (root * dt_s).cos(), fade * sine)
+        };
+        [c * s + z * (-m * s - outer * u), c * u + z * (inner * s + (-inner - m) * u)]
     }
 }
 
@@ -407,5 +486,51 @@ impl Machine {
         } else {
             (before.into_iter().rev().collect(), after)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lag integrated in small steps, its source going from `before` to `now` at one rate.
+    fn integrated(signal: &Signal, mut state: Lagged, dt_s: f64, before: f64, now: f64) -> Lagged {
+        let n = 200_000;
+        let h = dt_s / f64::from(n);
+        for k in 0..n {
+            let v = before + (now - before) * (f64::from(k) + 0.5) / f64::from(n);
+            let [s, u] = state;
+            let inner = signal.inner_s;
+            state[0] += h / signal.tau_s * (v - if inner > 0.0 { u } else { s });
+            state[1] = if inner > 0.0 { u + h / inner * (s - u) } else { state[0] };
+        }
+        state
+    }
+
+    #[test]
+    fn a_step_of_a_lag_is_exact_for_a_source_that_goes_at_one_rate() {
+        // none inside, overdamped, critically damped, oscillating
+        for inner_s in [0.0, 0.5, 1.0, 1.9] {
+            let signal = Signal { inner_s, ..Signal::of(Source::Spindle, 4.0) };
+            let start = if inner_s > 0.0 { [0.3, -0.2] } else { [0.3; 2] };
+            for dt_s in [0.01, 1.0, 30.0] {
+                let exact = signal.step(start, dt_s, 1.0, 3.0);
+                let slow = integrated(&signal, start, dt_s, 1.0, 3.0);
+                for (a, b) in exact.into_iter().zip(slow) {
+                    assert!((a - b).abs() < 2e-3, "{inner_s} {dt_s}: {exact:?} {slow:?}");
+                }
+                let halfway = signal.step(signal.step(start, 0.5 * dt_s, 1.0, 2.0), 0.5 * dt_s, 2.0, 3.0);
+                assert!((halfway[0] - exact[0]).abs() < 1e-9, "{halfway:?} {exact:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_lag_rests_in_equilibrium_and_takes_the_power_of_its_source() {
+        let signal = Signal { power: 1.5, ..Signal::of(Source::Spindle, 60.0) };
+        let rest = signal.start(4.0);
+        assert!((rest[0] - 8.0).abs() < 1e-12);
+        assert!((signal.step(rest, 10.0, 4.0, 4.0)[0] - 8.0).abs() < 1e-12);
+        assert!((signal.step(rest, 1e6, 0.0, 0.0)[0]).abs() < 1e-12);
     }
 }

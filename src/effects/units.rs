@@ -1,9 +1,10 @@
 //! Units of parameters: each name ends in its own.
 
 /// Ends of names, longest first, and the units as a person writes them.
-const UNITS: [(&str, &str); 18] = [
+const UNITS: [(&str, &str); 20] = [
     ("_um_per_m_per_s2_per_m", "µm per m/s² and m"),
     ("_arcsec_per_m_per_s2", "″ per m/s²"),
+    ("_um_per_1000rpm_to_the_power", "µm per (1000 rpm)^p"),
     ("_um_per_n_to_the_power", "µm/N^p"),
     ("_um_per_m_per_s2", "µm per m/s²"),
     ("_um_per_1000rpm", "µm per 1000 rpm"),
@@ -12,6 +13,7 @@ const UNITS: [(&str, &str); 18] = [
     ("_um_per_m", "µm/m"),
     ("_um_per_n", "µm/N"),
     ("_arcsec", "″"),
+    ("_per_s", "1/s"),
     ("_degc", "°C"),
     ("_ppm", "µm/m"),
     ("_um", "µm"),

@@ -588,7 +588,7 @@ fn fresh_data_of_another_day_have_a_log_of_their_own() {
     use volcomp::diagnose::machine_state::{Axis, Signal, Source};
     let directory = tempfile::tempdir().unwrap();
     let d = directory.path();
-    let signal = Signal { source: Source::Temperature("air".to_owned()), tau_s: 0.0 };
+    let signal = Signal::of(Source::Temperature("air".to_owned()), 0.0);
     let shape =
         Shape::Thermal(forms::Thermal { axis: Axis::X, signal, reference_degc: 20.0, with_offset: false });
     std::fs::write(d.join("a.toml"), addition("test", "thermal-expansion", shape)).unwrap();

@@ -5,6 +5,7 @@ mod cli;
 mod effects;
 mod head;
 mod instruments;
+mod lags;
 mod page;
 mod real;
 mod sensitivity;

@@ -74,31 +74,33 @@ const AXES: [&str; 2] = ["--axes", "x=1,y=2,z=6"];
 #[test]
 fn the_following_error_of_each_axis_is_its_lag() {
     let path = vendored(CAPTURE);
-    for (axis, lag_ms, after_um) in [("x", 8.1, 12.0), ("y", 8.2, 6.0), ("z", 7.9, 3.0)] {
+    // at steady feed the following error is 4.12 cycles of 2 ms on each axis
+    for (axis, after_um) in [("x", 6.0), ("y", 4.0), ("z", 2.0)] {
         let r = diagnose(&path, &[AXES[0], AXES[1], "--only", axis]);
         let servo = format!("servo-mismatch:{axis}");
         let all = declared(&r);
         assert!(all.contains(&servo) || all.contains(&"latency".to_owned()), "{all:?}");
-        assert!(all.contains(&format!("inertial:{axis}")), "{all:?}");
         let lag = parameter(&r, &servo, "lag_ms");
-        assert!((lag - lag_ms).abs() < 0.15, "{axis}: {lag} ms");
+        assert!((lag - 8.24).abs() < 0.2, "{axis}: {lag} ms");
+        let gain = parameter(&r, &servo, "velocity_gain_per_s");
+        assert!((gain - 1e3 / 8.24).abs() < 4.0, "{axis}: {gain} 1/s");
+        assert!((1.0..3.0).contains(&parameter(&r, &servo, "velocity_loop_ms")), "{r}");
         assert!(number(&r["shrink"], "rms_after_um") < after_um, "{}", r["shrink"]);
-        for innocent in ["backlash", "cyclic", "vibration", "positioning", "scale"] {
+        for innocent in ["backlash", "cyclic", "vibration", "positioning", "scale", "inertial"] {
             assert!(all.iter().all(|c| !c.starts_with(innocent)), "{all:?}");
         }
     }
 }
 
 #[test]
-fn all_axes_together_show_a_common_delay_and_the_mismatch() {
+fn all_axes_together_show_one_velocity_gain() {
     let path = vendored(CAPTURE);
     let r = diagnose(&path, &AXES);
     let lag = parameter(&r, "latency", "lag_ms");
-    assert!((7.9..8.3).contains(&lag), "{lag}");
-    let mismatch = parameter(&r, "servo-mismatch:y", "lag_ms");
-    assert!((0.05..0.25).contains(&mismatch), "{mismatch}");
-    assert!(declared(&r).iter().any(|c| c.starts_with("reversal-spike")), "friction: {:?}", declared(&r));
-    assert!(number(&r["shrink"], "fraction") > 0.99, "{}", r["shrink"]);
+    assert!((lag - 8.24).abs() < 0.03, "{lag}");
+    // what remains is below 0.3 % of the gap
+    assert!(declared(&r).iter().all(|c| c == "latency" || c.starts_with("inertial")), "{:?}", declared(&r));
+    assert!(number(&r["shrink"], "fraction") > 0.997, "{}", r["shrink"]);
 }
 
 #[test]

@@ -195,7 +195,7 @@ pub(super) fn next(
             gcode: "(the same part programs again)".to_owned(),
         });
     }
-    if unexplained.significant {
+    if unexplained.significant && !unexplained.is_pointwise {
         // what the readings do not record may be at work in them; what its column shows to be constant cannot
         let unrecorded: Vec<&str> =
             library.blind.iter().filter(|b| b.is_unrecorded).map(|b| b.label.as_str()).collect();
@@ -216,7 +216,9 @@ pub(super) fn next(
     if unexplained.is_pointwise
         && let Some(m) = CATALOGUE.iter().find(|m| m.motion == Motion::FineSteps)
     {
-        let over_position = |l: &&Label| ["positioning", "cyclic", "wear"].contains(&l.effect);
+        const OVER_POSITION: [&str; 5] =
+            ["positioning", "cyclic", "wear", "rotary-motion", "rotary-eccentricity"];
+        let over_position = |l: &&Label| OVER_POSITION.contains(&l.effect);
         let separates: Vec<String> =
             library.labels.iter().filter(over_position).map(ToString::to_string).collect();
         let decides =

@@ -91,7 +91,8 @@ pub(super) fn rejected(a: &Analysis, listed: &[Cause]) -> Vec<Cause> {
 /// A cause of the report.
 fn cause(x: &Assessed, a: &Analysis, parameters: BTreeMap<String, Value>, shrink: f64) -> Cause {
     let signals = a.library.variants[x.variant].shape.signals();
-    let mut sources: Vec<String> = signals.iter().map(|s| s.source.to_string()).collect();
+    let logged = signals.iter().filter(|s| s.source.is_logged());
+    let mut sources: Vec<String> = logged.map(|s| s.source.to_string()).collect();
     sources.dedup();
     Cause {
         effect: x.label.effect.to_owned(),

@@ -32,7 +32,7 @@ fn valid(session: &Session) -> BTreeMap<String, [f64; 2]> {
         }
     }
     add("tool_length_mm".to_owned(), &mut session.moments.iter().map(|m| m.tool_length_mm));
-    for (k, s) in session.signals.iter().enumerate() {
+    for (k, s) in session.signals.iter().enumerate().filter(|(_, s)| s.source.is_logged()) {
         // lagged values stay within those of their source: they stand in for it where it is not there itself
         let same = |other: &Signal| other.source == s.source;
         let plain = session.signals.iter().any(|other| same(other) && other.tau_s == 0.0);

@@ -114,7 +114,7 @@ fn day<'a>(
     };
     let is_warm = |x: &Assessed| {
         let signals = a.library.variants[x.variant].shape.signals();
-        signals.iter().any(|s| s.source != Source::Spindle)
+        signals.iter().any(|s| matches!(s.source, Source::Temperature(_)))
     };
     Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), warmth: sum(&is_warm) }
 }

@@ -1,12 +1,13 @@
 //! The whitened problem: every candidate column and the gap as independent innovations of unit variance.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{BLOCKS_MIN, MOVES, SEEN};
 use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
-use super::super::moment::{Axis, SLOTS};
+use super::super::moment::{Axis, Moment, SLOTS, Signal};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::data_partition::{Places, blocks, programs};
@@ -435,9 +436,24 @@ fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f64> {
     let width: usize = shapes.iter().map(|s| s.width()).sum();
     let mut data = vec![0.0; rows.len() * width];
     let mut out = [Vec3::zeros(); WIDTH_MAX];
-    let at = |s: &super::super::moment::Signal| session.signal(s);
+    // what a refined shape reads beyond the signals of the library
+    let mut own: Vec<Signal> = shapes.iter().flat_map(|s| s.signals()).cloned().collect();
+    own.retain(|s| session.signal(s).is_none());
+    let lagged: Vec<Option<Vec<f64>>> =
+        own.iter().map(|s| session.history.lagged(s, &session.moments)).collect();
+    let known = session.signals.len();
+    let at = |s: &Signal| session.signal(s).or_else(|| own.iter().position(|o| o == s).map(|k| known + k));
+    let with_own = |i: usize| {
+        let m = &session.moments[i];
+        if own.is_empty() {
+            return Cow::Borrowed(m);
+        }
+        let values = lagged.iter().map(|l| l.as_ref().map_or(f64::NAN, |l| l[i]));
+        let signals = m.signals.iter().copied().chain(values).collect();
+        Cow::Owned(Moment { signals, ..m.clone() })
+    };
     for (row, i) in data.chunks_exact_mut(width.max(1)).zip(rows) {
-        let m = &session.moments[*i];
+        let m = &*with_own(*i);
         let mut values = row.iter_mut();
         for shape in shapes {
             let out = &mut out[..shape.width()];

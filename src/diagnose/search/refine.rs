@@ -1,14 +1,17 @@
 //! The non-linear parameters of a chosen effect between the values of its grid: a search by shrinking steps.
 
 use super::super::library::{Library, Shape, forms};
-use super::super::moment::Axis;
+use super::super::moment::{Axis, Source};
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
 
 /// First and last relative step.
-pub(super) const STEPS: [f64; 5] = [0.25, 0.12, 0.05, 0.02, 0.008];
+pub(super) const STEPS: [f64; 6] = [0.25, 0.12, 0.05, 0.02, 0.008, 0.003];
+
+/// A velocity loop that lags by more of the lag of its position loop lets it oscillate.
+const HALF: f64 = 0.5;
 
 /// Improves the chosen variant at `place`; the others stay.
 pub fn refine(
@@ -22,7 +25,8 @@ pub fn refine(
     let variant = chosen[place];
     let mut shape = library.variants[variant].shape.clone();
     if let Shape::Lag(forms::Lag { axes, .. }) = &shape {
-        tie(problem, session, filter, library, chosen, place, axes.clone());
+        let axes = axes.clone();
+        tie(problem, session, filter, library, chosen, place, &axes);
         return;
     }
     if shape.neighbours(STEPS[0]).is_empty() {
@@ -90,6 +94,13 @@ impl Beside {
 
     /// Drop of the sum of squares by these columns and more together, and the number of independent ones.
     fn joint(&self, more: &[Vec<f64>]) -> (f64, usize) {
+        let (g, full, b) = self.gram(more);
+        let factor = Factor::new(b.len(), &g, &full);
+        (factor.gain(&b), factor.rank())
+    }
+
+    /// Products of all columns, their own, and those with what is explained.
+    fn gram(&self, more: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
         let (k, n) = (self.columns.len(), self.columns.len() + more.len());
         let mut g = vec![0.0; n * n];
         let mut set = |i: usize, j: usize, v: f64| {
@@ -105,8 +116,13 @@ impl Beside {
         }
         let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
         let b: Vec<f64> = self.right.iter().copied().chain(more.iter().map(|c| dot(c, &self.y))).collect();
-        let factor = Factor::new(n, &g, &full);
-        (factor.gain(&b), factor.rank())
+        (g, full, b)
+    }
+
+    /// The value of the first of more columns beside these.
+    fn value_of(&self, more: &[Vec<f64>]) -> f64 {
+        let (g, full, b) = self.gram(more);
+        Factor::new(b.len(), &g, &full).solve(&b)[self.columns.len()]
     }
 
     /// What a shape brings with the best values near its own, the number of its independent columns, and that shape.
@@ -141,8 +157,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// A lag is a delay (its second term is half its square) or a filter (its square), or neither; a free second term would
-/// pass the compliance of the structure off as a lag.
+/// A lag is a delay (its second term is half its square), a position loop, or neither; a free second term would pass the compliance
+/// of the structure off as a lag.
 fn tie(
     problem: &mut Problem,
     session: &Session,
@@ -150,32 +166,59 @@ fn tie(
     library: &mut Library,
     chosen: &[usize],
     place: usize,
-    axes: Vec<Axis>,
+    axes: &[Axis],
 ) {
     let variant = chosen[place];
-    for v in chosen {
-        problem.prepare(*v);
+    // the control's own encoders see no compliance: what looks like one is part of the lag
+    let is_compliance = |v: &usize| matches!(library.variants[*v].shape, Shape::Inertial { .. });
+    let stays = |v: &usize| *v != variant && !(problem.precise && is_compliance(v));
+    let others: Vec<usize> = chosen.iter().copied().filter(stays).collect();
+    let beside = Beside::new(problem, &others);
+    let says = |problem: &Problem, shape: &Shape| {
+        let columns = problem.whitened(session, filter, shape);
+        (beside.joint(&columns).0, beside.value_of(&columns))
+    };
+    let loose = Shape::Lag(forms::Lag::of(axes.to_vec()));
+    let (gain, lag_ms) = says(problem, &loose);
+    let mut candidates = vec![(gain, loose)];
+    if lag_ms > 0.0 {
+        let delay = Shape::Lag(forms::Lag::delay(axes.to_vec(), lag_ms));
+        candidates.push((says(problem, &delay).0, delay));
+        candidates.extend(position_loop(session, problem.precise, (axes, lag_ms), &|s| says(problem, s)));
     }
-    let given = problem.given(chosen);
-    let (at, _) = problem.span[variant];
-    let beta = problem.fit(&given);
-    let own = given.columns.iter().position(|c| *c == at).map_or(0.0, |j| beta[j]);
-    let norm = problem.norm[at];
-    let lag_ms = if norm > 0.0 { own / norm } else { 0.0 };
-    let base: Vec<Vec<f64>> = given
-        .columns
-        .iter()
-        .filter(|c| **c != at)
-        .map(|c| problem.w.row(*c).iter().copied().collect())
-        .collect();
-    let beside = Beside::of(base, problem);
-    let best = [0.0, 0.5 * lag_ms, lag_ms]
-        .into_iter()
-        .filter(|t| *t >= 0.0)
-        .map(|tie_ms| Shape::Lag(forms::Lag { axes: axes.clone(), tie_ms }))
-        .map(|s| (beside.joint(&problem.whitened(session, filter, &s)).0, s))
-        .max_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((_, shape)) = best {
+    if let Some((_, shape)) = candidates.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
         put(problem, session, filter, library, variant, shape);
     }
+}
+
+/// The position loop whose lag is what it takes as its time constant, and what it explains; none where the velocities are not
+/// known. The control's own encoders see no compliance of the structure: of theirs the lag of the velocity loop is found, too.
+fn position_loop(
+    session: &Session,
+    is_servo: bool,
+    (axes, mut lag_ms): (&[Axis], f64),
+    says: &dyn Fn(&Shape) -> (f64, f64),
+) -> Option<(f64, Shape)> {
+    let known = |a: &Axis| session.history.sources().contains(&Source::Velocity(*a));
+    if !axes.iter().all(known) {
+        return None;
+    }
+    let of = |lag_ms: f64, share: f64| {
+        Shape::Lag(forms::Lag::position_loop(axes.to_vec(), lag_ms, share * lag_ms))
+    };
+    let mut share = 0.0;
+    for step in STEPS {
+        let found_ms = says(&of(lag_ms, share)).1;
+        if found_ms <= 0.0 {
+            break;
+        }
+        lag_ms = found_ms;
+        if is_servo {
+            let near = [share - step, share, share + step].into_iter().filter(|s| (0.0..=HALF).contains(s));
+            let gains = near.map(|s| (says(&of(lag_ms, s)).0, s));
+            share = gains.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(share, |best| best.1);
+        }
+    }
+    let shape = of(lag_ms, share);
+    Some((says(&shape).0, shape))
 }

@@ -8,7 +8,7 @@ use super::pairs::{self, Place};
 use super::reflector_location;
 use super::{
     Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, check, copies,
-    is_ballbar, times,
+    is_ballbar, is_encoder, times,
 };
 use volcomp_model::geometry::Vec3;
 use volcomp_units::RAD_PER_DEG;
@@ -45,6 +45,8 @@ struct Part<'a> {
     notes: Vec<Note>,
     moving: bool,
     times: Times,
+    /// Time, s, and commanded velocity, mm/s, of the linear axes where samples follow each other fast.
+    velocities: [Vec<(f64, f64)>; 3],
 }
 
 impl Session {
@@ -98,6 +100,9 @@ impl Session {
             sources(raw, file, &mut history);
             let mut part = Part::new(raw, file, &mut session);
             part.state()?;
+            for (axis, points) in Axis::LINEAR.into_iter().zip(&mut part.velocities) {
+                history.add(file, Source::Velocity(axis), points.drain(..));
+            }
             session.take(part, &mut places, &mut extra);
         }
         let pairs = pairs::find(&places);
@@ -284,7 +289,18 @@ impl<'a> Part<'a> {
             run.push(r);
         }
         let times = session.times.get(file).copied().unwrap_or_default();
-        Self { raw, file, setup, run, moments: Vec::new(), notes: Vec::new(), moving: false, times }
+        let velocities = Default::default();
+        Self {
+            raw,
+            file,
+            setup,
+            run,
+            moments: Vec::new(),
+            notes: Vec::new(),
+            moving: false,
+            times,
+            velocities,
+        }
     }
 
     /// The state of every row: stated columns first, what is missing from the motion.
@@ -342,6 +358,7 @@ impl<'a> Part<'a> {
         let since = stated(format!("since_reversal_{axis}_{length}"));
         let since_s = stated(format!("since_reversal_{axis}_s"));
         let moving = raw.column("moving");
+        let of_control = raw.instruments.first().is_some_and(|n| is_encoder(n));
         let (mut derived, mut fast_rows, mut any_fast) =
             (vec![0.0; raw.len()], vec![false; raw.len()], false);
         let t = raw.column("t_s").unwrap_or(&[]);
@@ -358,6 +375,14 @@ impl<'a> Part<'a> {
             } else {
                 (vec![0.0; samples.len()], vec![0.0; samples.len()])
             };
+            if fast && axis.is_linear() {
+                match speed {
+                    Some(speed) => {
+                        self.velocities[slot].extend(samples.iter().map(|s| (s.t, speed[s.first])))
+                    }
+                    None => self.velocities[slot].extend(motion::velocities(&samples, &places, of_control)),
+                }
+            }
             let given: Option<Vec<f64>> = direction.map(|d| samples.iter().map(|s| d[s.first]).collect());
             let travel = motion::travel(&samples, &places, given.as_deref());
             for (k, s) in samples.iter().enumerate() {

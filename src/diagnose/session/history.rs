@@ -68,7 +68,7 @@ fn follow(series: &[(f64, f64)], signal: &Signal, moments: &[Moment], out: &mut 
         out.extend(moments.iter().map(|_| f64::NAN));
         return;
     };
-    let mut state = value;
+    let mut state = signal.start(value);
     let mut next = 1;
     for m in moments {
         while next < series.len() && series[next].0 <= m.t_s {
@@ -82,6 +82,6 @@ fn follow(series: &[(f64, f64)], signal: &Signal, moments: &[Moment], out: &mut 
             Some(&(t1, v1)) if t1 > t && m.t_s > t => value + (v1 - value) * (m.t_s - t) / (t1 - t),
             _ => value,
         };
-        out.push(if m.t_s > t { signal.step(state, m.t_s - t, value, now) } else { state });
+        out.push(signal.step(state, m.t_s - t, value, now)[0]);
     }
 }

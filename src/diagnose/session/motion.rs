@@ -9,6 +9,9 @@ use super::super::constants::{ACCELERATION_NOISE, FAST_MOVING_S, FAST_S, FEW, RO
 /// A step of time above so many medians is a gap.
 const GAP: f64 = 4.0;
 
+/// Width of a step of the velocity, in samples.
+const STEP: f64 = 1e-6;
+
 /// Rows of one sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
@@ -73,6 +76,19 @@ pub(super) fn derivatives(samples: &[Sample], position: &[f64]) -> (Vec<f64>, Ve
         first = end;
     }
     (velocity, acceleration)
+}
+
+/// Velocity over time: of set points of a control, `linear` from cycle to cycle, a step at each; else straight lines between
+/// the mean velocities of each two samples.
+pub(super) fn velocities(samples: &[Sample], position: &[f64], linear: bool) -> Vec<(f64, f64)> {
+    let between = samples.windows(2).zip(position.windows(2));
+    between
+        .flat_map(|(s, p)| {
+            let step = s[1].t - s[0].t;
+            let ends = if linear { [STEP, 1.0] } else { [0.5, 0.5] };
+            ends.map(|share| (s[0].t + share * step, (p[1] - p[0]) / step))
+        })
+        .collect()
 }
 
 /// Half width of the differences: wide enough that the rounding of positions does not drown the acceleration.

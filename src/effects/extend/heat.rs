@@ -20,14 +20,6 @@ const LIMIT_MIN_MM: f64 = 0.001;
 
 const NO_RANGE: &str = "the addition does not say which temperatures or speeds it was seen at";
 
-/// The sensor of a column: its name without the unit, as `volcomp fit thermal` names it.
-fn sensor(source: &Source) -> String {
-    match source {
-        Source::Spindle => "spindle".to_owned(),
-        Source::Temperature(name) => format!("temp_{name}"),
-    }
-}
-
 fn input(
     entry: &Entry,
     signal: &Signal,
@@ -38,16 +30,18 @@ fn input(
     if range[0] >= range[1] || range.iter().any(|v| v.is_nan()) {
         return Err(NO_RANGE);
     }
-    let (quantity, reference) = match signal.source {
-        Source::Spindle => (Quantity::Speed, reference * PER_THOUSAND),
-        Source::Temperature(_) => (Quantity::Temperature, reference),
+    // the sensor has the name of the column without the unit, as `volcomp fit thermal` names it
+    let (sensor, quantity, reference) = match &signal.source {
+        Source::Spindle => ("spindle".to_owned(), Quantity::Speed, reference * PER_THOUSAND),
+        Source::Temperature(name) => (format!("temp_{name}"), Quantity::Temperature, reference),
+        Source::Velocity(_) => return Err("a thermal displacement follows no velocity"),
     };
     Ok(ThermalInput {
-        sensor: sensor(&signal.source),
+        sensor,
         quantity,
         range,
         reference,
-        power: 1.0,
+        power: signal.power,
         lags_s: vec![signal.tau_s],
         coefficients: vec![coefficient],
     })
@@ -56,7 +50,7 @@ fn input(
 /// The most that an input contributes inside its range, in its coefficient's unit.
 fn reach(input: &ThermalInput) -> f64 {
     let per = if input.quantity == Quantity::Speed { PER_THOUSAND } else { 1.0 };
-    let away = input.range.map(|end| (end - input.reference).abs() / per);
+    let away = input.range.map(|end| ((end - input.reference).abs() / per).powf(input.power));
     let coefficient: f64 = input.coefficients.iter().map(|c| c.abs()).sum();
     coefficient * away[0].max(away[1])
 }

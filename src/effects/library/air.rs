@@ -23,7 +23,7 @@ pub(crate) static DEAD_PATH: Effect = Effect {
         let lights = [None, Some(Light::Laser), Some(Light::Tracker)];
         let lights = &lights[..if both { lights.len() } else { 1 }];
         let shape = |(source, light): (&Source, &Option<Light>)| {
-            let signal = Signal { source: source.clone(), tau_s: 0.0 };
+            let signal = Signal::of(source.clone(), 0.0);
             DeadPath { signal, light: *light, station: None }.into()
         };
         let shapes: Vec<Shape> =
@@ -54,10 +54,9 @@ pub(crate) static TRACKER_SCALE: Effect = Effect {
             return Err("needs range_mm and station_x_mm .. of a tracker".into());
         }
         let plain = [false, true].map(|zero| TrackerScale { signal: None, zero });
-        let warm = data.air().map(|source| TrackerScale {
-            signal: Some(Signal { source: source.clone(), tau_s: 0.0 }),
-            zero: false,
-        });
+        let warm = data
+            .air()
+            .map(|source| TrackerScale { signal: Some(Signal::of(source.clone(), 0.0)), zero: false });
         Ok(plain.into_iter().chain(warm).map(Into::into).collect())
     },
 };

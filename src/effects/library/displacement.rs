@@ -6,6 +6,12 @@ use crate::prelude::*;
 
 /// Time constants of spindles, s; pairs of a fast and a slow one; of structures.
 const SPINDLE_S: [f64; 9] = [120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0, 9000.0, 14400.0];
+/// Exponents of the speed by which a spindle heats: friction that does not depend on it, and that of a lubricated bearing, whose
+/// moment goes with the speed to the power 2/3.
+const POWERS: [f64; 2] = [1.0, 5.0 / 3.0];
+/// Between them, and a little beyond, the heat is that of friction; no structure takes longer.
+const FRICTION: [f64; 2] = [0.8, 2.5];
+const LONGEST_S: f64 = 172_800.0;
 const PAIRS_S: [[f64; 2]; 5] =
     [[120.0, 1200.0], [300.0, 2400.0], [600.0, 5400.0], [1200.0, 9000.0], [2400.0, 14400.0]];
 const STRUCTURE_S: [f64; 6] = [0.0, 600.0, 1200.0, 2400.0, 5400.0, 14400.0];
@@ -18,7 +24,7 @@ pub(crate) static SPINDLE_GROWTH: Effect = Effect {
     kind: Kind::Machine,
     subjects: Subjects::Whole,
     cause: "Heat of the spindle lengthens it and tilts its head.",
-    formula: "d = SUM k_i s_i, tau_i s_i' + s_i = speed",
+    formula: "d = SUM k_i s_i, tau_i s_i' + s_i = speed^p",
     looks_like: "Drift that follows the speed of the spindle with a lag; recovers when it stops.",
     confused_with: "drift of the instrument, seating of the tool, ambient drift",
     settles: "Spindle on, off, on at one speed with probes at the tool (ISO 230-3), twice.",
@@ -31,18 +37,20 @@ pub(crate) static SPINDLE_GROWTH: Effect = Effect {
         let ways =
             [vec![Axis::Z], vec![Axis::Y], vec![Axis::X], vec![Axis::Y, Axis::Z], Axis::LINEAR.to_vec()];
         let seen = ways.iter().filter(|w| w.iter().all(|a| data.sees[a.slot()]));
-        let shape = |along: &[Axis], source: &Source, taus_s: &[f64], reference| {
-            let signal = |tau_s: &f64| Signal { source: source.clone(), tau_s: *tau_s };
+        let shape = |along: &[Axis], taus_s: &[f64], power| {
+            let signal = |tau_s: &f64| Signal { power, ..Signal::of(Source::Spindle, *tau_s) };
             let signals = taus_s.iter().map(signal).collect();
-            Growth { signals, along: along.to_vec(), reference }.into()
+            Growth { signals, along: along.to_vec(), reference: 0.0 }.into()
         };
         let mut shapes = Vec::new();
-        for along in seen.clone() {
-            shapes.extend(SPINDLE_S.map(|t| shape(along, &Source::Spindle, &[t], 0.0)));
-            shapes.extend(PAIRS_S.map(|pair| shape(along, &Source::Spindle, &pair, 0.0)));
+        for (along, power) in seen.clone().flat_map(|along| POWERS.map(|power| (along, power))) {
+            shapes.extend(SPINDLE_S.map(|t| shape(along, &[t], power)));
+            shapes.extend(PAIRS_S.map(|pair| shape(along, &pair, power)));
         }
-        for (source, first) in data.temperatures().filter(|(s, _)| is_spindle(s)) {
-            shapes.extend(seen.clone().map(|along| shape(along, source, &[0.0], first)));
+        for (source, reference) in data.temperatures().filter(|(s, _)| is_spindle(s)) {
+            let signals = vec![Signal::of(source.clone(), 0.0)];
+            let of = |along: &Vec<Axis>| Growth { signals: signals.clone(), along: along.clone(), reference };
+            shapes.extend(seen.clone().map(|along| of(along).into()));
         }
         data.structural(shapes)
     },
@@ -67,7 +75,7 @@ pub(crate) static AMBIENT_DRIFT: Effect = Effect {
         let mut shapes = Vec::new();
         for (source, reference) in data.temperatures().filter(|(s, _)| !is_spindle(s)) {
             shapes.extend(STRUCTURE_S.map(|tau_s| {
-                let signals = vec![Signal { source: source.clone(), tau_s }];
+                let signals = vec![Signal::of(source.clone(), tau_s)];
                 Growth { signals, along: along.clone(), reference }.into()
             }));
         }
@@ -92,8 +100,10 @@ impl Form for Growth {
         let name = |s: &Signal, a: &Axis| {
             let after = if s.tau_s > 0.0 { format!("_after_{:.0}s", s.tau_s) } else { String::new() };
             let per = match s.source {
-                Source::Spindle => "um_per_1000rpm",
+                Source::Spindle if is_linear(s) => "um_per_1000rpm",
+                Source::Spindle => "um_per_1000rpm_to_the_power",
                 Source::Temperature(_) => "um_per_k",
+                Source::Velocity(_) => "um_per_mm_per_s",
             };
             format!("growth_{a}{after}_{per}")
         };
@@ -129,7 +139,27 @@ impl Form for Growth {
         let lagged = self.signals.iter().zip(1..).filter(|(s, _)| s.tau_s > 0.0);
         let times = lagged.map(|(s, i)| (format!("time_constant_{i}_s"), s.tau_s));
         let is_warmth = self.signals.iter().any(|s| matches!(s.source, Source::Temperature(_)));
-        times.chain(is_warmth.then(|| ("reference_degc".to_owned(), self.reference))).collect()
+        let power = self.signals.iter().find(|s| !is_linear(s)).map(|s| ("exponent_1".to_owned(), s.power));
+        times.chain(power).chain(is_warmth.then(|| ("reference_degc".to_owned(), self.reference))).collect()
+    }
+
+    fn is_valid(&self) -> bool {
+        self.signals.iter().all(|s| s.tau_s >= 0.0 && s.power > 0.0)
+    }
+
+    fn changed(&self, f: f64) -> Vec<Shape> {
+        let lags = self.signals.iter().enumerate().filter(|(_, s)| s.tau_s > 0.0);
+        let lags = lags.map(|(i, _)| with(self, |g| g.signals[i].tau_s *= f));
+        let is_speed = self.signals.iter().any(|s| s.source == Source::Spindle);
+        let power = is_speed.then(|| with(self, |g| g.signals.iter_mut().for_each(|s| s.power *= f)));
+        lags.chain(power).collect()
+    }
+
+    fn is_itself(&self) -> bool {
+        let within = |s: &Signal| {
+            s.tau_s <= LONGEST_S && (is_linear(s) || (FRICTION[0]..=FRICTION[1]).contains(&s.power))
+        };
+        self.signals.iter().all(within)
     }
 
     fn acts_along(&self) -> Option<Axis> {
@@ -139,4 +169,9 @@ impl Form for Growth {
     fn signals(&self) -> Vec<&Signal> {
         self.signals.iter().collect()
     }
+}
+
+/// True where the lag follows the source itself, not a power of it.
+fn is_linear(signal: &Signal) -> bool {
+    (signal.power - 1.0).abs() < 1e-12
 }

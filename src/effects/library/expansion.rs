@@ -27,7 +27,7 @@ pub(crate) static THERMAL_EXPANSION: Effect = Effect {
         let others = data.temperatures().any(|(s, _)| !is_spindle(s));
         let mut shapes = Vec::new();
         for (source, first) in data.temperatures().filter(|(s, _)| !others || !is_spindle(s)) {
-            let signal = Signal { source: source.clone(), tau_s: 0.0 };
+            let signal = Signal::of(source.clone(), 0.0);
             let kinds = [(REFERENCE_DEGC, false), (first, false), (REFERENCE_DEGC, true)];
             shapes.extend(kinds.map(|(reference_degc, with_offset)| {
                 Thermal { axis, signal: signal.clone(), reference_degc, with_offset }.into()

@@ -20,7 +20,7 @@ pub(crate) static SERVO_MISMATCH: Effect = Effect {
     kind: Kind::Machine,
     subjects: Subjects::Axes,
     cause: "One axis follows its command later than the others.",
-    formula: "d_a = -tau v_a + tau tie a_a",
+    formula: "d_a = -tau w_a, tau w_a' + u = v_a, inner u' + u = w_a",
     looks_like: "Circles become ellipses at 45 deg that turn over with the direction and grow with the feed.",
     confused_with: "squareness, where only one direction was measured; a common delay is the sum of all axes",
     settles: "Circles in both directions at two feeds.",
@@ -34,7 +34,7 @@ pub(crate) static SERVO_MISMATCH: Effect = Effect {
         if !data.moves[axis.slot()] {
             return Err(AT_REST.into());
         }
-        let linear = || Lag { axes: vec![axis], tie_ms: 0.0 }.into();
+        let linear = || Lag::of(vec![axis]).into();
         let rotary = data.frame(axis).filter(|_| !axis.is_linear());
         Ok(vec![rotary.map_or_else(linear, |frame| RotaryLag { frame }.into())])
     },
@@ -59,7 +59,7 @@ pub(crate) static LATENCY: Effect = Effect {
         let axes: Vec<Axis> = moving.iter().copied().filter(|a| a.is_linear()).collect();
         match moving[..] {
             [] => Err(ALL_AT_REST.into()),
-            _ if !axes.is_empty() => Ok(vec![Lag { axes, tie_ms: 0.0 }.into()]),
+            _ if !axes.is_empty() => Ok(vec![Lag::of(axes).into()]),
             // alone in motion, a rotary axis that lags is confounded with a delay of all axes
             [axis] => Ok(data.frame(axis).map(|frame| RotaryLag { frame }.into()).into_iter().collect()),
             _ => Ok(Vec::new()),
@@ -99,13 +99,41 @@ pub(crate) static CLOCK_SKEW: Effect = Effect {
     },
 };
 
-/// `d_a = -tau v_a + tau tie a_a` for every axis listed.
+/// `d_a = -tau v_a + tau tie a_a` for every axis listed; behind a position loop `d_a = -tau w_a`, where `w_a` is the commanded
+/// velocity behind the loop (`tau w' + u = v`, `inner u' + u = w`): `tau = 1 / Kv`, `inner` the lag of the velocity loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Lag {
     pub axes: Vec<Axis>,
     pub tie_ms: f64,
+    /// `w` of each axis; empty where the lag is no position loop of first order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lagged: Vec<Signal>,
+}
+
+impl Lag {
+    /// The term of the velocity alone.
+    #[must_use]
+    pub const fn of(axes: Vec<Axis>) -> Self {
+        Self { axes, tie_ms: 0.0, lagged: Vec::new() }
+    }
+
+    /// A delay: half its square stands with the acceleration.
+    #[must_use]
+    pub const fn delay(axes: Vec<Axis>, lag_ms: f64) -> Self {
+        Self { axes, tie_ms: 0.5 * lag_ms, lagged: Vec::new() }
+    }
+
+    /// A position loop around a velocity loop.
+    #[must_use]
+    pub fn position_loop(axes: Vec<Axis>, lag_ms: f64, inner_ms: f64) -> Self {
+        let behind = |a: &Axis| Signal {
+            inner_s: inner_ms * PER_MS,
+            ..Signal::of(Source::Velocity(*a), lag_ms * PER_MS)
+        };
+        Self { lagged: axes.iter().map(behind).collect(), axes, tie_ms: lag_ms - inner_ms }
+    }
 }
 
 impl Form for Lag {
@@ -113,7 +141,11 @@ impl Form for Lag {
         plain(&["lag_ms"])
     }
 
-    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+    fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]) {
+        if !self.lagged.is_empty() {
+            out[0] = self.axes.iter().zip(&self.lagged).map(|(a, w)| unit(a.direction()) * -read(w)).sum();
+            return;
+        }
         // without the second term no acceleration need be known
         let tied =
             |a: &Axis| if self.tie_ms > 0.0 { self.tie_ms * 1e-3 * m.acceleration[a.slot()] } else { 0.0 };
@@ -126,7 +158,8 @@ impl Form for Lag {
 
     fn columns(&self) -> Vec<String> {
         let velocities = self.axes.iter().map(|a| a.velocity_column());
-        let accelerations = self.axes.iter().filter(|_| self.tie_ms > 0.0).map(|a| a.acceleration_column());
+        let tied = self.tie_ms > 0.0 && self.lagged.is_empty();
+        let accelerations = self.axes.iter().filter(|_| tied).map(|a| a.acceleration_column());
         velocities.chain(accelerations).collect()
     }
 
@@ -153,11 +186,27 @@ impl Form for Lag {
     }
 
     fn fixed(&self) -> Vec<(String, f64)> {
-        if self.tie_ms > 0.0 { named(&[("filter_ms", self.tie_ms)]) } else { Vec::new() }
+        match self.lagged.first() {
+            None if self.tie_ms > 0.0 => named(&[("filter_ms", self.tie_ms)]),
+            None => Vec::new(),
+            Some(w) => {
+                let gain = [("velocity_gain_per_s", 1.0 / w.tau_s)];
+                let inner = (w.inner_s > 0.0).then_some(("velocity_loop_ms", w.inner_s / PER_MS));
+                named(&gain.into_iter().chain(inner).collect::<Vec<_>>())
+            }
+        }
+    }
+
+    fn is_valid(&self) -> bool {
+        self.lagged.iter().all(|w| w.tau_s > 0.0 && w.inner_s >= 0.0)
     }
 
     fn acts_along(&self) -> Option<Axis> {
         (self.axes.len() == 1).then(|| self.axes[0])
+    }
+
+    fn signals(&self) -> Vec<&Signal> {
+        self.lagged.iter().collect()
     }
 }
 

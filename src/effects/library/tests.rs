@@ -270,7 +270,7 @@ fn each_kind_of_light_has_its_own_air_and_a_laser_no_scale_of_a_tracker() {
     let scale = Shape::TrackerScale(forms::TrackerScale { signal: None, zero: true });
     assert_eq!(evaluated(&scale, &at(Light::Tracker)), [Vec3::new(2.0, 0.0, 0.0), Vec3::x()]);
     assert_eq!(evaluated(&scale, &at(Light::Laser)), [Vec3::zeros(); 2]);
-    let signal = Signal { source: Source::Temperature("air".to_owned()), tau_s: 0.0 };
+    let signal = Signal::of(Source::Temperature("air".to_owned()), 0.0);
     for (own, other) in [(Light::Laser, Light::Tracker), (Light::Tracker, Light::Laser)] {
         let path =
             Shape::DeadPath(forms::DeadPath { signal: signal.clone(), light: Some(own), station: None });

@@ -1,0 +1,136 @@
+//! What follows its source late: position loops in captures of a control, thermal displacement after the speed of the spindle.
+//! The truth is integrated in small steps, not taken from the closed form of the program.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes files")]
+
+use std::fmt::Write;
+
+use serde_json::Value;
+
+use super::instruments::diagnose;
+use super::support::normal;
+
+fn diagnosed(name: &str, table: &str, options: &[&str]) -> Value {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
+    std::fs::write(&path, table).unwrap();
+    diagnose(&path, options).0
+}
+
+fn declared(report: &Value) -> Vec<String> {
+    let all = super::cli::declared(report);
+    all.iter().map(|label| label.trim_end_matches(':').to_owned()).collect()
+}
+
+fn parameter(report: &Value, effect: &str, name: &str) -> f64 {
+    let causes = report["causes"].as_array().unwrap();
+    let cause = causes.iter().find(|c| c["effect"] == effect).unwrap();
+    cause["parameters"][name]["value"].as_f64().unwrap_or_else(|| panic!("no {name} in {cause}"))
+}
+
+/// Interpolation cycle of the captures, s, and steps of the integration in it.
+const CYCLE_S: f64 = 0.002;
+const STEPS: usize = 40;
+
+/// A capture of two axes on circles at two feeds in both directions, with position loops of velocity gain `kv` (1/s) around velocity
+/// loops of time constant `inner_s`.
+fn capture(kv: f64, inner_s: f64, seed: u64) -> String {
+    let mut path = vec![[100.0, 50.0]; 100];
+    for (feed, sign) in [(30.0, 1.0), (30.0, -1.0), (120.0, 1.0), (120.0, -1.0)] {
+        let (radius, mut way, mut speed) = (30.0, 0.0, 0.0);
+        let ([x, y], rest) = (path[path.len() - 1], 1.25 * core::f64::consts::TAU * radius);
+        while way < rest {
+            // speeds up and slows down at 1 m/s^2
+            let allowed = (2.0 * 1000.0 * (rest - way)).sqrt();
+            speed = f64::min(speed + 1000.0 * CYCLE_S, f64::min(feed, allowed)).max(0.1);
+            way += speed * CYCLE_S;
+            let angle: f64 = sign * way / radius;
+            path.push([x + radius * (1.0 - angle.cos()), y + radius * angle.sin()]);
+        }
+        let last = path[path.len() - 1];
+        path.extend([last; 200]);
+    }
+    let mut noise = normal(seed);
+    let mut table = "CYCLE,DES_POS|1,ENC_POS|1,DES_POS|2,ENC_POS|2\n".to_owned();
+    let (mut at, mut speed) = (path[0], [0.0; 2]);
+    for (k, pair) in path.windows(2).enumerate() {
+        write!(table, "{}", 700 + k).unwrap();
+        for axis in 0..2 {
+            let command = |share: f64| pair[0][axis] + share * (pair[1][axis] - pair[0][axis]);
+            let rates = |at: f64, speed: f64, command: f64| {
+                let wanted = kv * (command - at);
+                if inner_s > 0.0 { [speed, (wanted - speed) / inner_s] } else { [wanted, 0.0] }
+            };
+            for step in 0..STEPS {
+                // midpoint rule
+                let (dt, share) = (CYCLE_S / STEPS as f64, (step as f64) / STEPS as f64);
+                let [v, a] = rates(at[axis], speed[axis], command(share));
+                let half = [at[axis] + 0.5 * dt * v, speed[axis] + 0.5 * dt * a];
+                let [v, a] = rates(half[0], half[1], command(share + 0.5 / STEPS as f64));
+                at[axis] += dt * v;
+                speed[axis] += dt * a;
+            }
+            write!(table, ",{:.6},{:.6}", pair[1][axis], at[axis] + 3e-4 * noise()).unwrap();
+        }
+        table.push('\n');
+    }
+    table
+}
+
+#[test]
+fn position_loops_lag_and_nothing_else() {
+    for (seed, kv, inner_ms) in [(1, 30.0, 0.0), (2, 60.0, 3.0), (3, 120.0, 1.8), (4, 90.0, 0.0)] {
+        let table = capture(kv, 1e-3 * inner_ms, seed);
+        let found = diagnosed("c.csv", &table, &["--axes", "x=1,y=2"]);
+        let all = declared(&found);
+        assert!(
+            all == ["latency"] || all == ["servo-mismatch:x", "servo-mismatch:y"],
+            "{kv} 1/s, {inner_ms} ms: {all:?}"
+        );
+        let gain = parameter(&found, all[0].split(':').next().unwrap(), "velocity_gain_per_s");
+        assert!((gain / kv - 1.0).abs() < 0.02, "{gain} for {kv} 1/s");
+        if inner_ms > 0.0 {
+            let inner = parameter(&found, all[0].split(':').next().unwrap(), "velocity_loop_ms");
+            assert!((inner / inner_ms - 1.0).abs() < 0.2, "{inner} for {inner_ms} ms");
+        }
+        let left = found["shrink"]["rms_after_um"].as_f64().unwrap();
+        assert!(left < 1.0, "{left} um of {}", found["shrink"]["rms_before_um"]);
+    }
+}
+
+#[test]
+fn heat_of_the_spindle_by_a_power_of_its_speed_is_that_of_the_spindle() {
+    for (seed, power, tau_s) in [(5, 1.0, 3600.0), (6, 1.3, 3600.0), (7, 1.7, 2000.0)] {
+        let mut noise = normal(seed);
+        let mut table = "t_s,spindle_rpm,z_um,ambient_degC,bearing_degC,motor_degC\n".to_owned();
+        let (mut length, mut bearing, mut motor, mut before) = (0.0, 0.0, 0.0, 0.0);
+        for minute in 0..600_u32 {
+            let speed = [0.0, 4000.0, 0.0, 6000.0, 2000.0, 0.0][(minute / 100) as usize];
+            for second in 0..60_u32 {
+                let now = before + (speed - before) * (f64::from(second) + 0.5) / 60.0;
+                let heat = (now / 6000.0_f64).powf(power);
+                length += (25.0 * heat - length) / tau_s;
+                bearing += (9.0 * heat - bearing) / 1200.0;
+                motor += (12.0 * heat - motor) / 3000.0;
+            }
+            before = speed;
+            let air = 21.0 + (f64::from(minute) / 230.0).sin();
+            let t = 60 * minute;
+            write!(table, "{t},{speed},{:.3},", length + 0.1 * noise()).unwrap();
+            for excess in [0.0, bearing, motor] {
+                write!(table, "{:.2},", air + excess + 0.02 * noise()).unwrap();
+            }
+            table.pop();
+            table.push('\n');
+        }
+        let found = diagnosed("log.csv", &table, &[]);
+        assert_eq!(declared(&found), ["spindle-growth"], "{power}");
+        let tau = parameter(&found, "spindle-growth", "time_constant_1_s");
+        assert!((tau / tau_s - 1.0).abs() < 0.1, "{tau} s for {tau_s} s");
+        if power > 1.0 {
+            let exponent = parameter(&found, "spindle-growth", "exponent_1");
+            assert!((exponent - power).abs() < 0.1, "{exponent} for {power}");
+        }
+    }
+}
