@@ -93,7 +93,7 @@ impl Cycle<'_> {
     fn stopped(&self, now: MonoTime) -> Option<LinkEnd> {
         let done = match self.control.stop {
             Stop::No => false,
-            Stop::By(limit) => self.session.is_stopped() || now >= limit,
+            Stop::By(limit) => self.session.is_stopped() && !self.session.is_unanswered() || now >= limit,
             Stop::Now => true,
         };
         done.then(|| LinkEnd::Stopped { at_rest: self.session.is_at_rest() })

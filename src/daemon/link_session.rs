@@ -31,6 +31,8 @@ pub struct LinkSession {
     /// What the engine would do, while it is off.
     shadow: Shadow,
     output: Option<CycleOutput>,
+    /// The newest offset was sent because no position came in time.
+    late: bool,
     rest: RestOffset,
     /// Bit k: axis k may be offset.
     moved: u8,
@@ -100,6 +102,7 @@ impl LinkSession {
             engine,
             shadow,
             output: None,
+            late: false,
             rest: config.rest,
             moved,
             axes: config.axes.len(),
@@ -182,6 +185,7 @@ impl LinkSession {
     pub fn link_up(&mut self, now: MonoTime) {
         self.record_pending();
         self.output = None;
+        self.late = false;
         self.engine.on_link_up(now);
         self.shadow.on_link_up(now);
         self.note(|_| Entry::LinkUp { now });
@@ -244,6 +248,7 @@ impl LinkSession {
             Message::Position(frame) => {
                 self.record_pending();
                 let output = self.engine.on_position(now, frame, &self.model);
+                self.late &= output.is_none_or(|output| output.out_of_order);
                 let correction = output.map(|output| self.answer(output));
                 if self.tap.is_some() {
                     let (enabled, answered) = (self.engine.is_enabled(), correction.is_some());
@@ -285,6 +290,7 @@ impl LinkSession {
         let due = self.engine.next_deadline().is_some_and(|due| now >= due);
         self.record_pending();
         let output = self.engine.on_deadline(now);
+        self.late |= output.is_some();
         let correction = output.map(|output| self.answer(output));
         let answered = correction.is_some();
         if due || answered {
@@ -371,13 +377,19 @@ impl LinkSession {
         self.engine.is_stopped()
     }
 
+    /// True while the newest offset answers no position: a control that sends none may refuse it as too old.
+    #[must_use]
+    pub const fn is_unanswered(&self) -> bool {
+        self.late
+    }
+
     /// True where the control has been sent the offset that is to stay when the daemon is gone. Not so before the
     /// first cycle of a link, and not where drives off or an emergency stop kept the offset from being taken back.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let Some(output) = &self.output else { return false };
-        if self.engine.is_silenced() || self.engine.needs_new_link() {
-            // the control holds something else than what was sent
+        if self.engine.is_silenced() || self.engine.needs_new_link() || self.late {
+            // the control holds something else than what was sent, or may
             return false;
         }
         let zero = |(k, offset): (usize, &f64)| self.moved >> k & 1 == 0 || *offset == 0.0;

@@ -348,6 +348,18 @@ fn a_stop_in_emergency_stop_leaves_the_offset_to_the_control() {
 }
 
 #[test]
+fn a_stop_without_positions_leaves_the_offset_to_the_control() {
+    // a control that has sent no position for its hold time refuses every answer: what it holds is not what was sent
+    let (_port, mut daemon, mut session) = linked();
+    session.run_until_corrected();
+    daemon.signal(Signal::TERM);
+    assert_eq!(close_reason(&mut session), CloseReason::Error);
+    drop(session);
+    assert_eq!(daemon.wait().code(), Some(0));
+    assert!(!daemon.log().contains("the offset is at its rest value"), "{}", daemon.log());
+}
+
+#[test]
 fn a_stop_before_the_first_position_leaves_the_offset_to_the_control() {
     let (_port, mut daemon, mut session) = linked();
     daemon.wait_for_log("link up");
