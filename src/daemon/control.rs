@@ -7,7 +7,7 @@ use super::channels::{CycleChannels, Report, Request, StopWish};
 use super::handshake;
 use super::link_session::LinkSession;
 use super::sensors::LiveEnd;
-use volcomp_config::{MachineConfig, StartMode};
+use volcomp_config::{Interface, MachineConfig, StartMode};
 use volcomp_engine::{Command, EngineConfig, EngineError, State};
 use volcomp_model::Model;
 use volcomp_protocol::ControlHello;
@@ -271,10 +271,15 @@ impl Control {
     }
 }
 
-/// The longest a clean stop may take: the ramp, or the largest offset at the lowest rate, whichever is longer.
+/// The longest a clean stop may take: the ramp, or the largest offset at the lowest rate, whichever is longer; the more cycles
+/// stand between two answers, the longer, for none moves the offset by more than two cycles.
 fn stop_limit_s(config: &MachineConfig) -> f64 {
     let slowest = config.axes.iter().map(|a| a.limits.size / a.limits.rate).fold(0.0, f64::max);
-    (config.engine.ramp_s.max(slowest) + STOP_MARGIN_S).min(STOP_LIMIT_S)
+    let stretched = match config.link.interface {
+        Interface::Frames => 1.0,
+        Interface::ReadWrite { poll_s } => (0.5 * poll_s / config.link.cycle_s).max(1.0),
+    };
+    (stretched * config.engine.ramp_s.max(slowest) + STOP_MARGIN_S).min(STOP_LIMIT_S)
 }
 
 /// Control time without a sign of life of the service after which compensation is switched off, s.

@@ -112,6 +112,7 @@ impl Cycle<'_> {
             }
             self.session.record();
         }
+        link.show(self.session.state())?;
         self.session.run_shadow_on_deadline(now);
         if now.seconds_since(link.sent()) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;

@@ -12,7 +12,7 @@ use super::frame_link::FrameLink;
 use super::read_write_link::ReadWriteLink;
 use volcomp_config::{Interface, LinkConfig};
 use volcomp_protocol::read_write::LineReader;
-use volcomp_protocol::{CloseReason, ErrorCode, FrameError, FrameReader, Message};
+use volcomp_protocol::{CloseReason, CorrectionState, ErrorCode, FrameError, FrameReader, Message};
 use volcomp_units::MonoTime;
 
 /// What a read has brought.
@@ -50,6 +50,10 @@ pub(super) trait ControlLink: fmt::Debug {
     /// # Errors
     /// `WouldBlock` where the send buffer is full: the link must end.
     fn send(&mut self, message: &Message) -> io::Result<()>;
+    /// Shows a control that has a display for it what the daemon is doing, where that has changed and no message tells it.
+    fn show(&mut self, _state: CorrectionState) -> io::Result<()> {
+        Ok(())
+    }
     /// Shows the control that this side lives.
     fn send_heartbeat(&mut self) -> io::Result<()>;
     /// When the last message or life sign came in.

@@ -115,9 +115,7 @@ impl ReadWriteLink {
     }
 
     fn write(&mut self, correction: &Correction) -> io::Result<()> {
-        if self.state.replace(correction.state) != Some(correction.state) {
-            self.write_one(&Request::State(correction.state))?;
-        }
+        self.show(correction.state)?;
         self.write_one(&Request::Offset(correction.offset))
     }
 
@@ -138,6 +136,10 @@ impl ReadWriteLink {
                 }
                 if !(1..=HOLD_MAX_MS).contains(&machine.hold_ms) {
                     return Err(LineError::Watchdog { hold_ms: machine.hold_ms });
+                }
+                let poll_ms = self.poll_ns as f64 / NS_PER_S * 1e3;
+                if poll_ms >= f64::from(machine.hold_ms) {
+                    return Err(LineError::Poll { hold_ms: machine.hold_ms, poll_ms: poll_ms.ceil() as u32 });
                 }
                 self.axes = machine.axis_count;
                 Ok(Some(Message::ControlHello(hello(machine))))
@@ -223,6 +225,13 @@ impl ControlLink for ReadWriteLink {
         }
     }
 
+    fn show(&mut self, state: CorrectionState) -> io::Result<()> {
+        if self.last_sequence.is_none() || self.state.replace(state) == Some(state) {
+            return Ok(());
+        }
+        self.write_one(&Request::State(state))
+    }
+
     fn send_heartbeat(&mut self) -> io::Result<()> {
         self.sent = self.connection.now();
         Ok(())
@@ -245,7 +254,8 @@ impl ControlLink for ReadWriteLink {
     }
 
     fn close(mut self: Box<Self>, error: Option<(ErrorCode, &str)>, reason: CloseReason) {
-        if self.axes > 0 {
+        // a control that was refused is not told to do anything with its offset
+        if self.last_sequence.is_some() {
             let keep = error.is_none() && reason == CloseReason::Shutdown;
             // the link ends either way, and the control's watchdog takes out what is left
             let _ = self.request(&Request::Release { keep });

@@ -164,6 +164,7 @@ impl FrameError {
             Self::AxisCount { .. } => "axis count",
             Self::AxisTwice { .. } => "axis twice",
             Self::Line(LineError::Watchdog { .. }) => "no watchdog on the offset",
+            Self::Line(LineError::Poll { .. }) => "hold time below poll-ms",
             Self::Line(_) => "line",
         }
     }
@@ -175,7 +176,7 @@ impl From<FrameError> for ErrorReport {
         let code = match error {
             FrameError::Version { .. } | FrameError::VersionRange { .. } => ErrorCode::Version,
             FrameError::AxisCount { .. } | FrameError::AxisTwice { .. } => ErrorCode::WrongAxes,
-            FrameError::Line(LineError::Watchdog { .. }) => ErrorCode::Unexpected,
+            FrameError::Line(LineError::Watchdog { .. } | LineError::Poll { .. }) => ErrorCode::Unexpected,
             _ => ErrorCode::BadFrame,
         };
         Self { code, detail: Name::new(error.word()) }

@@ -54,6 +54,17 @@ pub enum LineError {
         /// What the control says.
         hold_ms: u32,
     },
+    /// A control that takes the offset out between two writes.
+    #[error(
+        "the control holds an offset for {hold_ms} ms without a write, link.poll-ms is {poll_ms}: the hold time must be longer; \
+         raise it in the control, or lower poll-ms"
+    )]
+    Poll {
+        /// What the control says.
+        hold_ms: u32,
+        /// Interval between two writes, ms, rounded up.
+        poll_ms: u32,
+    },
 }
 
 /// What the daemon asks for.

@@ -2,6 +2,7 @@
 
 mod adversary;
 mod browser;
+mod calls;
 mod commands;
 mod gateway;
 mod http;

@@ -43,6 +43,8 @@ pub(crate) struct Setup {
     pub(crate) silence_s: f64,
     pub(crate) connect_timeout_s: f64,
     pub(crate) reconnect_max_s: f64,
+    /// More lines of the table `[link]`.
+    pub(crate) link: &'static str,
     /// Lines of the table `[realtime]`.
     pub(crate) realtime: &'static str,
     /// More tables.
@@ -59,6 +61,7 @@ impl Default for Setup {
             silence_s: 3.0,
             connect_timeout_s: 2.0,
             reconnect_max_s: 0.4,
+            link: "",
             realtime: "priority = 0\nlock-memory = false\n",
             more: "",
             model: MODEL.to_owned(),
@@ -70,7 +73,15 @@ impl Default for Setup {
 impl Setup {
     fn machine_file(&self, address: &str, socket: &str) -> String {
         let Self {
-            start, heartbeat_s, silence_s, connect_timeout_s, reconnect_max_s, realtime, more, ..
+            start,
+            heartbeat_s,
+            silence_s,
+            connect_timeout_s,
+            reconnect_max_s,
+            link,
+            realtime,
+            more,
+            ..
         } = self;
         let axes: String = ["x", "y", "z"]
             .iter()
@@ -84,7 +95,7 @@ impl Setup {
             "format = \"volcomp-machine/1\"\nmachine = \"test-mill\"\nmodel = \"model.toml\"\n\
              [link]\naddress = \"{address}\"\ncycle-ms = 1.0\nconnect-timeout-s = {connect_timeout_s:?}\n\
              reconnect-min-s = 0.05\nreconnect-max-s = {reconnect_max_s:?}\n\
-             heartbeat-s = {heartbeat_s:?}\nsilence-s = {silence_s:?}\n\
+             heartbeat-s = {heartbeat_s:?}\nsilence-s = {silence_s:?}\n{link}\
              [engine]\nstart = \"{start}\"\nramp-s = 0.1\nstale-ms = 1000.0\n{axes}\
              [realtime]\n{realtime}\
              [status]\nsocket = \"{socket}\"\n[log]\ntarget = \"stderr\"\n{more}"
