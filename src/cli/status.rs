@@ -145,7 +145,38 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
         return Ok(socket.clone());
     }
     let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_SOCKET)) };
-    socket_of(config, &machine(config)?)
+    match machine(config) {
+        Ok(machine) => socket_of(config, &machine),
+        // a mistake elsewhere in the file must not keep anybody from a daemon that runs
+        Err(failure) => {
+            let text = input::read_text(config, InputKind::Machine)?;
+            let Some(socket) = stated_socket(&text) else { return Err(failure) };
+            note!(
+                "{}: mistakes in it (volcomp check lists them); its status socket {socket} is used",
+                config.display()
+            );
+            Ok(config.with_file_name(socket))
+        }
+    }
+}
+
+/// The socket that the table `[status]` of a machine file names, whatever else is wrong in the file; the default where it names none.
+fn stated_socket(text: &str) -> Option<String> {
+    let mut table = "";
+    for line in text.lines().map(str::trim) {
+        if line.starts_with('[') {
+            table = line.split(['#', ' ']).next().unwrap_or(line);
+        }
+        let value = line.strip_prefix("socket").and_then(|rest| rest.trim_start().strip_prefix('='));
+        if let (Some(value), "[status]") = (value, table) {
+            let value = value.trim_start();
+            let quote = value.chars().next().filter(|q| ['"', '\''].contains(q))?;
+            let (socket, _) = value[1..].split_once(quote)?;
+            // switched off
+            return (!socket.is_empty()).then(|| socket.to_owned());
+        }
+    }
+    Some(DEFAULT_SOCKET.to_owned())
 }
 
 /// The socket that a machine file names.

@@ -516,3 +516,29 @@ fn a_service_that_hangs_is_seen_by_the_cycle_and_sigterm_works_all_the_same() {
     drop(socket);
     assert!(daemon.log().contains("the service does not end by itself"), "{}", daemon.log());
 }
+
+#[test]
+fn a_mistake_in_the_machine_file_keeps_nobody_from_switching_off() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    let path = daemon.dir.path().join("machine.toml");
+    let good = std::fs::read_to_string(&path).expect("read");
+    let broken = [
+        good.replace("limit-um", "limmit-um"),
+        format!("{good}\n= no TOML"),
+        good.replace("[status]", "[status] # where"),
+    ];
+    for text in broken {
+        std::fs::write(&path, text).expect("written");
+        let done = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp"))
+            .args(["disable", "--config"])
+            .arg(&path)
+            .output()
+            .expect("volcomp runs");
+        let said = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert!(done.status.success(), "{said}");
+    }
+    assert_eq!(daemon.status()["enabled"], false);
+}

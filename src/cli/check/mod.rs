@@ -80,10 +80,11 @@ enum Found {
     Machine {
         machine: Box<MachineConfig>,
         settings: Vec<Setting>,
-        model: Option<Box<ModelFile>>,
+        model: Option<(Box<ModelFile>, String)>,
         fates: Vec<(String, Fate)>,
     },
-    Model(Box<ModelFile>),
+    /// With its hash, as of the model of a machine.
+    Model(Box<ModelFile>, String),
 }
 
 impl Problem {
@@ -169,13 +170,16 @@ impl Outcome {
 fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
     let text = read(path)?;
     if config::kind_of_file(file, &text)? == FileKind::Model {
-        return Ok((Found::Model(Box::new(config::model::parse_file(file, &text)?)), None));
+        let model = config::model::parse_file(file, &text)?;
+        return Ok((Found::Model(Box::new(model), hash(&text)), None));
     }
     InputKind::Machine.check_length(path, text.len())?;
     let machine = Box::new(MachineConfig::parse(file, &text)?);
     let (model, fates, problem) = match look_at_model(path, file, &text, &machine) {
-        Ok((model, fates)) => {
-            (Some(Box::new(model)), fates, look_at_identity(path, file, &text, &machine).err())
+        Ok((model, hash, fates)) => {
+            let problem = look_at_hash(file, &text, &machine, &hash)
+                .and_then(|()| look_at_identity(path, file, &text, &machine));
+            (Some((Box::new(model), hash)), fates, problem.err())
         }
         Err(problem) => (None, Vec::new(), Some(problem)),
     };
@@ -183,13 +187,27 @@ fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
     Ok((Found::Machine { machine, settings, model, fates }, problem))
 }
 
-/// The model that a machine file names, with its additions, checked against it.
+/// BLAKE3 of the text of a model, in hexadecimal digits.
+fn hash(text: &str) -> String {
+    blake3::hash(text.as_bytes()).to_hex().to_string()
+}
+
+/// Whether the model is the one that `[guard]` names, if any.
+fn look_at_hash(file: &str, text: &str, machine: &MachineConfig, hash: &str) -> Result<(), Problem> {
+    let Some(pinned) = machine.guard.hash.as_ref().filter(|pinned| *pinned != hash) else { return Ok(()) };
+    let key = ["guard", "hash"].map(str::to_owned).to_vec();
+    let message = format!("guard.hash is {pinned}, the model has hash {hash}: volcompd refuses it (VC-5005)");
+    let remedy = "name the file that was released, or write the hash of this one once it is".to_owned();
+    Err(mistakes_at(file, text, vec![(key, message, remedy)]).into())
+}
+
+/// The model that a machine file names, with its additions, checked against it; its hash is that of what the daemon would use.
 fn look_at_model(
     path: &Path,
     file: &str,
     text: &str,
     machine: &MachineConfig,
-) -> Result<(ModelFile, Vec<(String, Fate)>), Problem> {
+) -> Result<(ModelFile, String, Vec<(String, Fate)>), Problem> {
     let named = path.parent().unwrap_or(Path::new("")).join(&machine.model);
     let model_text = read(&named).map_err(|problem| match problem {
         Problem::Io(Failure { code, message }) => {
@@ -211,10 +229,15 @@ fn look_at_model(
         let code = if e.is_io() { EX_IOERR } else { EX_CONFIG };
         Problem::from(Failure::new(code, e))
     })?;
+    let hash = if fates.is_empty() {
+        hash(&model_text)
+    } else {
+        hash(&config::model::write_file(&model, &[format!("{} with additions.", machine.model.display())]))
+    };
     let mismatches = machine.check_model(&model.spec);
     if mismatches.is_empty() {
         return match look_at_sensors(&model, machine) {
-            None => Ok((model, fates)),
+            None => Ok((model, hash, fates)),
             Some((message, remedy)) => {
                 Err(mistakes_at(file, text, vec![(vec!["sensors".to_owned()], message, remedy)]).into())
             }
@@ -262,14 +285,14 @@ impl Found {
     fn as_text(&self, file: &str, details: bool) -> String {
         let mut lines = vec![format!("{file}: ok")];
         match self {
-            Self::Model(model) => describe_model(&mut lines, model, details),
+            Self::Model(model, hash) => describe_model(&mut lines, model, hash, details),
             Self::Machine { machine, settings, model, fates } => {
                 describe_machine(&mut lines, machine);
                 lines.extend(settings::lines(settings));
-                if let Some(model) = model {
+                if let Some((model, hash)) = model {
                     lines.extend(machine_notes(machine, model).into_iter().map(|n| format!("  note: {n}")));
                     lines.push(format!("  model {}", machine.model.display()));
-                    describe_model(&mut lines, model, details);
+                    describe_model(&mut lines, model, hash, details);
                     lines.extend(fates.iter().map(|(effect, fate)| format!("  addition {effect}: {fate}")));
                 }
             }
@@ -279,8 +302,8 @@ impl Found {
 
     fn as_json(&self) -> Value {
         match self {
-            Self::Model(model) => {
-                let mut out = model_as_json(model);
+            Self::Model(model, hash) => {
+                let mut out = model_as_json(model, hash);
                 out["format"] = json!(config::model::FORMAT);
                 out["notes"] = json!(model_notes(model));
                 out
@@ -301,8 +324,8 @@ impl Found {
                 "additions": fates.iter().map(|(effect, fate)| json!({
                     "effect": effect, "taken": fate.is_taken(), "fate": fate.to_string(),
                 })).collect::<Vec<_>>(),
-                "model": model.as_ref().map(|m| model_as_json(m)),
-                "notes": model.as_ref().map(|m| machine_notes(machine, m)).unwrap_or_default(),
+                "model": model.as_ref().map(|(m, hash)| model_as_json(m, hash)),
+                "notes": model.as_ref().map(|(m, _)| machine_notes(machine, m)).unwrap_or_default(),
             }),
         }
     }
@@ -353,6 +376,31 @@ mod tests {
         ] {
             assert!(text.contains(part), "{part} not in\n{text}");
         }
+    }
+
+    #[test]
+    fn a_model_is_checked_against_the_guard() {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), "model.toml", &format!("{MODEL}[provenance]\nexpiry = \"2020-01-31\"\n"));
+        let good = machine("m", "model.toml");
+        let text = |name: &str, text: &str| {
+            let outcome = Outcome::of(&write(dir.path(), name, text));
+            let found = outcome.found.unwrap().as_text(name, false);
+            (found, outcome.problem.map(|p| p.as_text(false)))
+        };
+        let (found, problem) = text("a.toml", &good);
+        assert_eq!(problem, None);
+        assert!(
+            found.contains("note: VC-5003: the model expired on 2020-01-31: compensation stays off"),
+            "{found}"
+        );
+        let hash = found.lines().find_map(|l| l.trim().strip_prefix("hash ")).unwrap().to_owned();
+        assert_eq!(hash, super::hash(&std::fs::read_to_string(dir.path().join("model.toml")).unwrap()));
+        assert_eq!(text("b.toml", &format!("{good}[guard]\nhash = \"{hash}\"\n")).1, None);
+        let other = "a".repeat(64);
+        let problem = text("c.toml", &format!("{good}[guard]\nhash = \"{other}\"\n")).1.unwrap();
+        assert!(problem.contains(&hash) && problem.contains("VC-5005"), "{problem}");
+        assert!(problem.contains("c.toml:9:8"), "{problem}");
     }
 
     #[test]

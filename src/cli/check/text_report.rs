@@ -12,7 +12,8 @@ use crate::quantities::{
 use crate::report::Table;
 use crate::units::key;
 use volcomp_config::model::{kind_of, section_of};
-use volcomp_config::{MachineConfig, ModelFile};
+use volcomp_config::{MachineConfig, ModelFile, Policy};
+use volcomp_daemon::models::guard::is_expired;
 use volcomp_estimate::Thermal;
 use volcomp_model::extremes::Bounds;
 use volcomp_model::spec::{ModelSpec, Sense};
@@ -36,9 +37,10 @@ pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig)
     }
 }
 
-pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile, details: bool) {
+pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile, hash: &str, details: bool) {
     let model = &file.spec;
     lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
+    lines.push(format!("  hash {hash}"));
     let axes = model.chain.axes().iter();
     lines.extend(axes.map(|a| format!("  axis {}: {}", a.name, axis_words(model, a.name))));
     lines.push(match model.errors.len() {
@@ -64,7 +66,7 @@ fn sensors_of(thermal: &Thermal) -> Vec<&str> {
     names
 }
 
-pub(super) fn model_as_json(file: &ModelFile) -> Value {
+pub(super) fn model_as_json(file: &ModelFile, hash: &str) -> Value {
     let model = &file.spec;
     let thermal = file.thermal.iter();
     let thermal = thermal.map(
@@ -91,6 +93,7 @@ pub(super) fn model_as_json(file: &ModelFile) -> Value {
     });
     json!({
         "machine": model.machine,
+        "hash": hash,
         "chain": model.chain.to_string(),
         "axes": axes.collect::<Value>(),
         "errors": errors.collect::<Value>(),
@@ -134,6 +137,15 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
             format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
         })
         .collect();
+    #[expect(clippy::disallowed_methods, reason = "whether a model has expired is a matter of today")]
+    let now = std::time::SystemTime::now();
+    if let Some(expiry) = file.earliest_expiry().filter(|day| is_expired(day, now)) {
+        let follows = match machine.guard.expired {
+            Policy::Warn => "the daemon warns of it",
+            _ => "compensation stays off until it is enabled with --accept-expired and --reason",
+        };
+        out.push(format!("VC-5003: the model expired on {expiry}: {follows}"));
+    }
     let ladder_s = machine.engine.stale_s + machine.engine.hold_s + machine.engine.ramp_s;
     if machine.link.silence_s < ladder_s {
         out.push(format!(

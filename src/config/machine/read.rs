@@ -370,7 +370,8 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
         });
     let warning = section.number(keys.warning, Allowed::Positive { high: keys.highest });
     let stop = section.number(keys.stop, Allowed::Positive { high: 1e6 });
-    against_limit(section, keys, limit, &warning, &stop);
+    let tolerance = section.number(keys.tolerance, Allowed::Positive { high: 1000.0 });
+    against_limit(section, keys, limit, [&warning, &stop, &tolerance]);
     let two_cycles = rate.map_or(f64::INFINITY, |rate| DEFAULT_STEP_CYCLES * rate * cycle_s);
     let step = or(section, keys.step, Allowed::Positive { high: keys.highest }, two_cycles);
     let soft = read_soft_limits(section, keys);
@@ -378,7 +379,6 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
     let two_cycles = DEFAULT_JUMP_CYCLES * feed / SECONDS_PER_MINUTE * cycle_s;
     let jump = or(section, keys.jump, Allowed::Positive { high: 1000.0 }, two_cycles);
     let deadband = or(section, keys.deadband, within(0.0, 1000.0), DEFAULT_DEADBAND);
-    let tolerance = or(section, keys.tolerance, Allowed::Positive { high: 1000.0 }, DEFAULT_TOLERANCE);
     section.finish();
     let limit = limit?;
     Some(AxisConfig {
@@ -393,18 +393,17 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
         },
         jump_limit: (keys.position)(jump),
         reversal_deadband: (keys.offset)(deadband),
-        read_back_tolerance: (keys.offset)(tolerance),
+        read_back_tolerance: (keys.offset)(tolerance.map_or(DEFAULT_TOLERANCE.min(0.5 * limit), |t| t.value)),
         soft_limits: soft,
     })
 }
 
-/// The warning lies below the limit, the stop above it.
+/// The warning lies below the limit, the stop above it; an offset applied twice, or with the wrong sign, leaves the tolerance.
 fn against_limit(
     section: &Section<'_>,
     keys: &AxisKeys,
     limit: Option<f64>,
-    warning: &Option<Placed<f64>>,
-    stop: &Option<Placed<f64>>,
+    [warning, stop, tolerance]: [&Option<Placed<f64>>; 3],
 ) {
     let Some(limit) = limit else { return };
     let unit = keys.units[0];
@@ -422,6 +421,10 @@ fn against_limit(
     }
     if let Some(stop) = stop.as_ref().filter(|s| s.value < limit) {
         wrong(stop, keys.stop, "below", "stop at or above the limit");
+    }
+    if let Some(tolerance) = tolerance.as_ref().filter(|t| t.value >= limit) {
+        let remedy = "tolerate less than the limit, or no wrong offset is ever noticed; the resolution of the control is enough";
+        wrong(tolerance, keys.tolerance, "not below", remedy);
     }
 }
 

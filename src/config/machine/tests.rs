@@ -145,3 +145,20 @@ fn only_a_control_on_this_computer_is_in_lock_step_with_the_estimator() {
         of("[link]\naddress = \"192.168.0.10:7878\"\nplain-remote = true\n").unwrap_err().to_string();
     assert!(remote.contains("sensors.time") && remote.contains("another computer"), "{remote}");
 }
+
+#[test]
+fn a_tolerance_that_no_wrong_offset_leaves_is_refused() {
+    let axis = |tolerance: &str| {
+        format!(
+            "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"m.toml\"\n\
+             [axes.x]\nlimit-um = 50\nrate-um-per-s = 100\nacceleration-um-per-s2 = 1000\n{tolerance}"
+        )
+    };
+    assert!(MachineConfig::parse("m.toml", &axis("read-back-tolerance-um = 49.0\n")).is_ok());
+    let said =
+        MachineConfig::parse("m.toml", &axis("read-back-tolerance-um = 50.0\n")).unwrap_err().to_string();
+    assert!(said.contains("is 50 um, not below limit-um (50 um)"), "{said}");
+    let small = axis("").replace("limit-um = 50", "limit-um = 0.4");
+    let found = MachineConfig::parse("m.toml", &small).unwrap();
+    assert!((found.axes[0].read_back_tolerance - 0.2e-3).abs() < 1e-12);
+}

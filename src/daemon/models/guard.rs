@@ -171,7 +171,7 @@ pub fn hindrances(
     temperature: Option<(f64, f64)>,
 ) -> Vec<(Hindrance, Policy)> {
     let mut found = Vec::new();
-    if let Some(expiry) = expiry.filter(|e| is_past(e, now)) {
+    if let Some(expiry) = expiry.filter(|e| is_expired(e, now)) {
         found.push((Hindrance::Expired { expiry: expiry.to_owned() }, guard.expired));
     }
     if let Some([low, high]) = guard.temperature_degc {
@@ -187,8 +187,9 @@ pub fn hindrances(
     found
 }
 
-/// True after the last day, which is one of UTC.
-fn is_past(expiry: &str, now: SystemTime) -> bool {
+/// True after the last day of a model, which is one of UTC.
+#[must_use]
+pub fn is_expired(expiry: &str, now: SystemTime) -> bool {
     let today = utc::text(now);
     match (expiry.get(..10), today.get(..10)) {
         (Some(last), Some(today)) => today > last,
