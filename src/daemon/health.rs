@@ -89,6 +89,9 @@ pub(super) fn mark_present(status: &mut Status) {
     present.extend(status.faults.iter().map(|fault| fault.code.clone()));
     present.extend(status.sensors.iter().filter_map(|sensor| sensor.code.clone()));
     present.extend(status.growths.iter().filter_map(|growth| growth.code.clone()));
+    present.extend(status.lifetime.note.as_deref().and_then(|note| note.get(..7)).map(str::to_owned));
+    let stopped = status.recording.as_ref().is_some_and(|recording| recording.error.is_some());
+    present.extend(stopped.then(|| Code::RECORDING_STOPPED.to_string()));
     present.extend(status.link.error_code.clone().filter(|_| !status.link.up));
     for warning in &mut status.recent.warnings {
         let counted = warning.age_s < OVER_S && Code::parse(&warning.code).is_some_and(is_counted_per_cycle);

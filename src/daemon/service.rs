@@ -85,8 +85,8 @@ pub(super) struct Service {
     /// What the control kept of axes that are not listed when the last link ended.
     left_unlisted: Option<String>,
     benefit: Benefit,
-    /// Numbers that sensors and thermal displacements have now.
-    sensor_codes: BTreeSet<(String, String)>,
+    /// What is wrong with sensors, thermal displacements, state directory and recording now, by number.
+    standing: BTreeSet<(String, String)>,
 }
 
 impl Service {
@@ -140,7 +140,7 @@ impl Service {
             latency_totals: LatencyTotals::default(),
             left_unlisted: None,
             benefit: Benefit::default(),
-            sensor_codes: BTreeSet::new(),
+            standing: BTreeSet::new(),
         };
         service.recall();
         service.save();
@@ -294,7 +294,7 @@ impl Service {
         if now.seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
             self.look_at_the_benefit(now);
-            self.look_at_the_sensors(now);
+            self.look_at_what_lasts(now);
         }
         self.recent.look(now, &self.channels.progress);
         let late = self.warnings.look(now, &self.channels.progress);
@@ -310,18 +310,22 @@ impl Service {
         }
     }
 
-    /// Counts what the estimator newly says about sensors and thermal displacements, by number.
-    fn look_at_the_sensors(&mut self, now: MonoTime) {
-        let Some(health) = self.sensors.as_ref().map(Sensors::health) else { return };
-        let sensors = health.sensors.iter().filter_map(|s| Some((s.code.clone()?, s.name.clone())));
-        let growths = health.growths.iter().filter_map(|g| Some((g.code.clone()?, g.name.clone())));
-        let standing: BTreeSet<(String, String)> = sensors.chain(growths).collect();
-        for (code, name) in standing.difference(&self.sensor_codes) {
+    /// Counts by number what is newly wrong with sensors, thermal displacements, state directory and recording.
+    fn look_at_what_lasts(&mut self, now: MonoTime) {
+        let mut standing: BTreeSet<(String, String)> = BTreeSet::new();
+        if let Some(health) = self.sensors.as_ref().map(Sensors::health) {
+            standing.extend(health.sensors.iter().filter_map(|s| Some((s.code.clone()?, s.name.clone()))));
+            standing.extend(health.growths.iter().filter_map(|g| Some((g.code.clone()?, g.name.clone()))));
+        }
+        standing.extend(self.state_writer.problem().map(|text| (Code::COUNTERS_NOT_SAVED.to_string(), text)));
+        let recording = self.recorder.as_ref().and_then(|recorder| recorder.stats.status().error);
+        standing.extend(recording.map(|text| (Code::RECORDING_STOPPED.to_string(), text)));
+        for (code, name) in standing.difference(&self.standing) {
             if let Some(code) = Code::parse(code) {
                 self.recent.count(now, code, 1, Some(name.clone()));
             }
         }
-        self.sensor_codes = standing;
+        self.standing = standing;
     }
 
     /// One value of the benefit a second.
@@ -346,7 +350,8 @@ impl Service {
         status.lifetime = self.tally.lifetime(status.cycles, status.late_cycles);
         status.lifetime.audit_lines_lost = self.state_writer.audit.lost();
         // a disk that refuses now is told before what was found at the start
-        status.lifetime.note = self.state_writer.problem().or(status.lifetime.note);
+        let unkept = self.state_writer.problem().map(|text| format!("{}: {text}", Code::COUNTERS_NOT_SAVED));
+        status.lifetime.note = unkept.or(status.lifetime.note);
         if let Some(sensors) = &self.sensors {
             let health = sensors.health();
             status.maps = health.maps.iter().map(MapStatus::brief).collect();

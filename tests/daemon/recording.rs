@@ -541,6 +541,19 @@ fn without_a_place_for_its_state_the_daemon_works_and_says_so() {
         text(&enabled.stderr)
     );
     session.run_until_corrected();
+    // and goes on saying so
+    let told = || daemon.status()["recent"]["warnings"].to_string().contains("VC-7006");
+    assert!(
+        eventually(|| {
+            let _ = session.cycle();
+            told()
+        }),
+        "{}",
+        daemon.status()
+    );
+    let status = daemon.status();
+    assert_eq!(status["health"]["code"], "VC-7006", "{status}");
+    assert_eq!(status["recent"]["warnings"][0]["present"], true, "{status}");
 }
 
 #[test]
