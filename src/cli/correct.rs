@@ -102,6 +102,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let corrected =
         correct(&text, &request).map_err(|e| failure!(EX_DATAERR, "{}:{e}", args.gcode.display()))?;
     write_text(&args.out, &corrected.text)?;
+    for (axis, held) in model.axes().map(|a| a.name).zip(corrected.held) {
+        let Some((blocks, line)) = held else { continue };
+        note!(
+            "note: {}: {blocks} blocks, the first in line {line}, end beyond the range of a curve of {axis} in the model, whose end \
+             value is held there: volcomp check {} lists the ranges; measure the rest of the travel",
+            args.gcode.display(),
+            args.model.display()
+        );
+    }
     if args.json {
         say!("{:#}", Value::Object(as_json(&model, &corrected)));
     } else if args.out.as_os_str() != "-" {
@@ -122,6 +131,11 @@ fn as_json(model: &Model, corrected: &Corrected) -> Map<String, Value> {
         ("blocks_out".to_owned(), json!(corrected.blocks_out)),
         ("rest_line".to_owned(), json!(corrected.rest_line)),
     ]);
+    let held = model.axes().map(|a| a.name).zip(corrected.held).filter_map(|(axis, held)| {
+        let (blocks, line) = held?;
+        Some(json!({"axis": axis.lower().to_string(), "blocks": blocks, "line": line}))
+    });
+    out.insert("held".to_owned(), held.collect());
     for (axis, unit, value) in largest(model, corrected) {
         out.insert(format!("largest_{}_{unit}", axis.lower()), json!(value));
     }

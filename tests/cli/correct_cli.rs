@@ -50,6 +50,31 @@ fn a_program_is_corrected_by_what_predict_says() {
 }
 
 #[test]
+fn blocks_beyond_the_range_of_a_curve_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "model.toml",
+        "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y t]\"\n[axes.x]\ntravel-mm = [0, 800]\n\
+         [errors.exx.table]\nposition-mm = [0, 400]\nvalue-um = [0, 40]\n",
+    );
+    write("in.nc", "O1234 (part)\nT1 M6\nG0 X100 Y0\nG1 X500 F1000\nX700\n");
+    let args = ["correct", "--model", "model.toml", "--gcode", "in.nc", "--out", "out.nc", "--json"];
+    let output = volcomp(&args, folder.path());
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    assert!(
+        said.contains("in.nc: 2 blocks, the first in line 4, end beyond the range of a curve of X"),
+        "{said}"
+    );
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["held"], serde_json::json!([{"axis": "x", "blocks": 2, "line": 4}]));
+    assert!(
+        std::fs::read_to_string(folder.path().join("out.nc")).unwrap().starts_with("O1234 (part)\nT1 M6\n")
+    );
+}
+
+#[test]
 fn what_is_refused_has_a_place_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let model = concat!(env!("CARGO_MANIFEST_DIR"), "/config/examples/vmc-850/model.toml");

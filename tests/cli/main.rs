@@ -9,6 +9,7 @@ mod correct_cli;
 mod evaluate_cli;
 mod fit_cli;
 mod identify_cases;
+mod identify_into;
 mod import_export;
 mod input_limits;
 mod machine_messages;

@@ -75,6 +75,9 @@ pub struct Corrected {
     pub rest: Vec3,
     /// Line of the largest rest of any direction; 0 without motion.
     pub rest_line: usize,
+    /// Of each axis the blocks that end where a curve of the model does not reach, so that its end value is held, and the line of
+    /// the first of them.
+    pub held: [Option<(usize, usize)>; MAX_AXES],
 }
 
 /// Why a program is not corrected.
@@ -110,7 +113,11 @@ pub fn correct(text: &str, request: &Request<'_>) -> Result<Corrected, ProgramEr
             largest: [0.0; MAX_AXES],
             rest: Vec3::zeros(),
             rest_line: 0,
+            held: [None; MAX_AXES],
         },
+        begun: false,
+        next_tool: None,
+        tool: None,
     };
     for (n, line) in text.split_inclusive('\n').enumerate() {
         run.line = n + 1;
@@ -127,6 +134,8 @@ pub fn correct(text: &str, request: &Request<'_>) -> Result<Corrected, ProgramEr
 struct At {
     offset: AxisArray,
     rest: Vec3,
+    /// Axes beyond the range of a curve, a bit each.
+    held: u16,
 }
 
 struct Run<'a> {
@@ -139,6 +148,11 @@ struct Run<'a> {
     motion: Option<bool>,
     /// Work offset in use.
     work: Option<u32>,
+    /// A block with words has been read.
+    begun: bool,
+    /// Tool named last, and tool in the spindle.
+    next_tool: Option<f64>,
+    tool: Option<Option<f64>>,
     line: usize,
     out: Corrected,
 }
@@ -160,6 +174,7 @@ impl Run<'_> {
         for word in &words {
             self.code(word)?;
         }
+        self.begun |= !words.is_empty();
         let moved: Vec<(usize, &Word<'_>)> = words.iter().filter_map(|w| Some((self.axis(w)?, w))).collect();
         let Some(&(_, last)) = moved.last() else {
             self.out.text.push_str(text);
@@ -236,6 +251,19 @@ impl Run<'_> {
                     format!("{} (subprogram) is not corrected; write its blocks out", word.text),
                 ));
             }
+            // the lever of the angular errors is that of one tool
+            'M' if code == 60 => {
+                if self.tool.is_some_and(|tool| tool != self.next_tool) {
+                    return Err(self.fail(
+                        word.from,
+                        "a second tool; split the program, each with the model of its tool (tool-tip-mm)",
+                    ));
+                }
+                self.tool = Some(self.next_tool);
+            }
+            'T' => self.next_tool = Some(word.value),
+            // the number of the program
+            'O' if !self.begun => {}
             'O' => {
                 return Err(self.fail(
                     word.from,
@@ -287,7 +315,8 @@ impl Run<'_> {
             core::array::from_fn(|k| if self.request.corrected[k] { correction.offset[k] } else { 0.0 });
         let there = |pose: &Pose| self.request.model.nominal_tool(pose).tip;
         let moved = Pose { position: core::array::from_fn(|k| pose.position[k] + offset[k]), ..pose };
-        At { offset, rest: deviation.position + there(&moved) - there(&pose) }
+        let held = deviation.flags.out_of_range;
+        At { held, offset, rest: deviation.position + there(&moved) - there(&pose) }
     }
 
     /// Into how many parts a feed block is divided.
@@ -362,6 +391,12 @@ impl Run<'_> {
             });
             let at = self.at(&place);
             self.check(&place, &at, column)?;
+            if part == parts {
+                let beyond = |k: &usize| at.held >> k & 1 == 1;
+                for k in (0..self.axes.len()).filter(beyond) {
+                    self.out.held[k].get_or_insert((0, self.line)).0 += 1;
+                }
+            }
             let value = |k: usize| {
                 let v = place[k] + at.offset[k];
                 if self.is_rotary(k) { format!("{:.7}", deg_from_rad(v)) } else { format!("{v:.6}") }

@@ -114,6 +114,7 @@ fn what_is_not_corrected_is_refused_with_line_and_remedy() {
         ("M98 P1", 2, 1, "subprogram"),
         ("O100", 2, 1, "subprograms"),
         ("G54\nG55", 3, 1, "second work offset"),
+        ("T1 M6\nT1 M6\nT2 M6", 4, 4, "second tool"),
         ("Z1", 2, 1, "not in the chain"),
         ("X1 X2", 2, 1, "twice"),
         ("G4 X1", 2, 1, "dwell"),

@@ -83,7 +83,7 @@ struct Circle {
 
 impl Test {
     fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self, Failure> {
-        let plan = Plan::read(&args.setup, args.plane, path)?;
+        let plan = Plan::read(&args.setup, args.plane, path, None)?;
         let label = day.as_ref().map_or_else(|| file_name(path), |d| d.text.clone());
         let circles = circles(&plan).map_err(|e| data!(path, "{e}"))?;
         Ok(Self { label, day: day.as_ref().map(|d| d.number), plan, circles })

@@ -7,17 +7,20 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use crate::arg_parsers::{above_zero, axis_letter, numbers, point};
+use crate::files::read_model_file;
 use crate::identify::columns;
 use crate::identify::method::{Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use crate::{Failure, Result};
 use volcomp_config::{ModelFile, Provenance};
+use volcomp_evaluate::circle_prediction::predict;
+use volcomp_evaluate::circular::CircularReading;
 use volcomp_identify::assemble::mirrored_curve;
 use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
 };
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{ErrorFunction, ErrorSymbol, Sense};
+use volcomp_model::{ErrorFunction, ErrorSymbol, Model, SENSORS_MAX, Sense};
 use volcomp_units::axes::AxisName;
 use volcomp_units::{mm_from_um, rad_from_deg};
 
@@ -112,10 +115,41 @@ pub(crate) struct Plan {
 
 impl Plan {
     /// Reads and analyses the circles of a plane.
-    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path) -> Result<Self> {
-        let circles = read(setup, plane, path)?;
+    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path, levers: Option<&Levers>) -> Result<Self> {
+        let mut circles = read(setup, plane, path)?;
+        if let Some(levers) = levers {
+            levers.take_off(&mut circles, setup.centre_mm).map_err(|e| Failure::data(path, e))?;
+        }
         let analysis = analyse(&circles, &request(setup, plane)).map_err(|e| Failure::data(path, e))?;
         Ok(Self { path: path.to_owned(), circles, analysis })
+    }
+}
+
+/// The angular error motions of the model that the result goes into. They stay in it, so that what they do at the place of the
+/// circles is no part of what is found there.
+pub(crate) struct Levers(Model);
+
+impl Levers {
+    fn of(path: &Path) -> Result<Option<Self>> {
+        let mut spec = read_model_file(path)?.spec;
+        spec.errors.retain(|(symbol, _)| symbol.is_angle() && !symbol.is_constant());
+        if spec.errors.is_empty() {
+            return Ok(None);
+        }
+        Model::new(&spec).map(|model| Some(Self(model))).map_err(|e| Failure::data(path, e))
+    }
+
+    fn take_off(&self, circles: &mut Circles, centre_mm: Vec3) -> Result<(), String> {
+        let readings: Vec<CircularReading> = circles
+            .samples
+            .iter()
+            .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
+            .collect();
+        let circle = (centre_mm, circles.radius);
+        let predicted = predict(&self.0, &[0.0; SENSORS_MAX], &readings, circle, circles.plane.axes(), false)
+            .ok_or_else(|| format!("the chain of the model has no axes for the plane {}", circles.plane))?;
+        circles.samples.iter_mut().zip(predicted).for_each(|(s, mm)| s.deviation -= mm);
+        Ok(())
     }
 }
 
@@ -132,7 +166,8 @@ impl Method for Args {
                 return Err(Failure::usage(what));
             }
         }
-        let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path);
+        let levers = self.out.into.as_deref().map(Levers::of).transpose()?.flatten();
+        let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path, levers.as_ref());
         let plans = data.iter().map(read).collect::<Result<_, _>>()?;
         Ok(Some(Box::new(Outcome { args: self, plans })))
     }
@@ -176,9 +211,10 @@ impl Found for Outcome<'_> {
             }
             store(&mut model, one, sources.provenance());
         }
-        if model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant()) {
+        if args.out.into.is_some() && model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant())
+        {
             note!(
-                "note: the model holds angular errors; what they do at the place of the circles is in the values found, too"
+                "note: the model holds angular errors; what they do at the place of the circles was taken off the readings"
             );
         }
         args.out.write(&model, &sources.comments(), &files)?;

@@ -114,6 +114,7 @@ impl<'a> Outcome<'a> {
             }
         };
         let fail = |e| Failure::data(path, e);
+        inside_travel(path, &spec, args.low_mm, size)?;
         let reflector = args.reflector_mm.unwrap_or(spec.tool_tip);
         let setup = Setup::new(&spec.chain, args.low_mm.into(), size.into(), reflector).map_err(fail)?;
         let readings = read_diagonals(path, setup.length())?;
@@ -192,6 +193,26 @@ struct Line {
     half_width_95_arcsec: Option<f64>,
     significant: Option<bool>,
     without_subtraction_arcsec: f64,
+}
+
+/// How far a box may reach out of the travel, as a share of its side: nobody measures the ends to the last micrometre.
+const OUTSIDE: f64 = 0.01;
+
+/// Refuses a box that the machine of the model cannot reach.
+fn inside_travel(path: &Path, spec: &ModelSpec, low_mm: Vec3, size_mm: Vec3) -> Result<()> {
+    for axis in [AxisName::X, AxisName::Y, AxisName::Z] {
+        let (low, side) = (low_mm[axis.direction()], size_mm[axis.direction()]);
+        let Some([least, most]) = spec.axis(axis).travel else { continue };
+        if low < least - OUTSIDE * side || low + side > most + OUTSIDE * side {
+            return Err(data!(
+                path,
+                "the box runs from {axis} {low} to {} mm, the travel of the model from {least} to {most} mm; give the low corner of \
+                 the box with --low-mm, its sides with --box-mm, or correct travel-mm of the model",
+                low + side
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Why the result would be worth little.
@@ -369,6 +390,12 @@ impl Found for Outcome<'_> {
         let verdict = match self.noise {
             None => "",
             Some((std, _)) if rms > 3.0 * std.iter().copied().fold(0.0, f64::max) * 2f64.sqrt() => {
+                note!(
+                    "warning: {}: the steps between the ends lie {:.2} um rms off the model, more than their noise explains: two \
+                     diagonals may be exchanged, a sign or the box be wrong",
+                    self.path.display(),
+                    um(rms)
+                );
                 ": more than the noise explains: positioning has changed since the model was measured, or the path is wrong"
             }
             Some(_) => ": within the noise",

@@ -1,0 +1,125 @@
+//! `volcomp identify .. --into`: what the model holds already is not found a second time.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes files")]
+
+use std::fmt::Write;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn volcomp(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_volcomp")).current_dir(folder).args(args).output().unwrap()
+}
+
+fn ok(folder: &Path, args: &[&str]) -> String {
+    let output = volcomp(folder, args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+const MODEL: &str = r#"
+format = "volcomp-model/1"
+machine = "vmc"
+chain = "[w X' b Y Z t]"
+[axes.x]
+travel-mm = [0, 800]
+[axes.y]
+travel-mm = [0, 500]
+[axes.z]
+travel-mm = [-500, 0]
+[errors.ec0y.constant]
+value-arcsec = 5.0
+[errors.ecx.table]
+position-mm = [0, 800]
+value-arcsec = [0, 20]
+[errors.eby.table]
+position-mm = [0, 500]
+value-arcsec = [0, 10]
+"#;
+
+const CENTRE: [f64; 2] = [400.0, 150.0];
+const RADIUS: f64 = 150.0;
+
+/// Predicted radial deviation at angles of the circle, um.
+fn radial_um(folder: &Path, model: &str) -> Vec<f64> {
+    let place = |k: i32| f64::from(k).to_radians().sin_cos();
+    let mut points = "x_mm,y_mm,z_mm\n".to_owned();
+    for k in 0..360 {
+        let (sin, cos) = place(k);
+        writeln!(points, "{},{},-300", CENTRE[0] + RADIUS * cos, CENTRE[1] + RADIUS * sin).unwrap();
+    }
+    std::fs::write(folder.join("points.csv"), points).unwrap();
+    let table = ok(folder, &["predict", "--model", model, "--points", "points.csv", "--out", "-"]);
+    let names: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+    let [dx, dy] = ["dx_um", "dy_um"].map(|name| names.iter().position(|n| *n == name).unwrap());
+    let radial = |(k, line): (i32, &str)| {
+        let fields: Vec<&str> = line.split(',').collect();
+        let (sin, cos) = place(k);
+        fields[dx].parse::<f64>().unwrap() * cos + fields[dy].parse::<f64>().unwrap() * sin
+    };
+    (0..360).zip(table.lines().skip(1)).map(radial).collect()
+}
+
+/// Largest minus smallest about the least-squares centre, um.
+fn circularity_um(radial: &[f64]) -> f64 {
+    let wave = |of: fn(f64) -> f64| {
+        2.0 / 360.0 * radial.iter().zip(0..).map(|(r, k)| r * of(f64::from(k).to_radians())).sum::<f64>()
+    };
+    let (a, b) = (wave(f64::cos), wave(f64::sin));
+    let about = |(r, k): (&f64, i32)| {
+        let angle = f64::from(k).to_radians();
+        r - a * angle.cos() - b * angle.sin()
+    };
+    let left: Vec<f64> = radial.iter().zip(0..).map(about).collect();
+    left.iter().copied().fold(f64::MIN, f64::max) - left.iter().copied().fold(f64::MAX, f64::min)
+}
+
+#[test]
+fn a_ballbar_finds_no_angular_error_that_the_model_holds_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    std::fs::write(d.join("model.toml"), MODEL).unwrap();
+    let truth = radial_um(d, "model.toml");
+    assert!(circularity_um(&truth) > 2.0, "{}", circularity_um(&truth));
+    let mut table = "angle_deg,deviation_um,direction,feed_mm_per_min\n".to_owned();
+    for (feed, direction) in [(1000, 1), (1000, -1), (3000, 1), (3000, -1)] {
+        for k in 0..360 {
+            let angle = if direction > 0 { k } else { 359 - k };
+            // the resolution of the instrument
+            let deviation = (truth[angle] * 10.0).round() / 10.0;
+            writeln!(table, "{angle},{deviation},{direction},{feed}").unwrap();
+        }
+    }
+    std::fs::write(d.join("circle.csv"), table).unwrap();
+    let args =
+        ["identify", "ballbar", "--data", "xy=circle.csv", "--radius-mm", "150", "--centre-mm=400,150,-300"];
+    ok(d, &[&args[..], &["--into", "model.toml", "--out", "more.toml"]].concat());
+    let left: Vec<f64> = truth.iter().zip(radial_um(d, "more.toml")).map(|(a, b)| a - b).collect();
+    assert!(circularity_um(&left) < 0.1, "{} um", circularity_um(&left));
+}
+
+#[test]
+fn a_box_of_diagonals_lies_in_the_travel_of_the_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    std::fs::write(d.join("model.toml"), MODEL).unwrap();
+    std::fs::write(d.join("d.csv"), "diagonal,cycle,direction,target_mm,deviation_um\nppp,1,1,0,0\n")
+        .unwrap();
+    let args = [
+        "identify",
+        "diagonals",
+        "--data",
+        "d.csv",
+        "--box-mm=700,400,400",
+        "--model",
+        "model.toml",
+        "--json",
+    ];
+    let output = volcomp(d, &args);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(!output.status.success());
+    assert!(
+        said.contains("the box runs from Z 0 to 400 mm, the travel of the model from -500 to 0 mm"),
+        "{said}"
+    );
+}
