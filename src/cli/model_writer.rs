@@ -7,8 +7,9 @@ use super::input::{self, InputKind};
 use super::{EX_DATAERR, Failure};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use volcomp_model::geometry::Vec3;
 use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp_units::axes::AxisName;
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// Where the model goes and what it starts from.
 #[derive(Debug, clap::Args)]
@@ -59,9 +60,23 @@ impl ModelWriter {
         Ok(file)
     }
 
-    /// Checks the model and writes it to [`target`](Self::target); `comment` says where it came from, `files` are named
-    /// in errors.
+    /// Writes the model as [`write_complete`](Self::write_complete) does, and names the points of rotary axes that it lacks.
     pub(super) fn write(
+        &self,
+        model: &ModelFile,
+        comment: &[String],
+        files: &[PathBuf],
+    ) -> Result<(), Failure> {
+        self.write_complete(model, comment, files)?;
+        if let (None, Some(out)) = (&self.into, self.target()) {
+            Self::note_points(out, &model.spec);
+        }
+        Ok(())
+    }
+
+    /// Checks the model, whose rotary axes have their points, and writes it to [`target`](Self::target); `comment` says where it
+    /// came from, `files` are named in errors.
+    pub(super) fn write_complete(
         &self,
         model: &ModelFile,
         comment: &[String],
@@ -74,6 +89,19 @@ impl ModelWriter {
         write_text(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());
         Ok(())
+    }
+
+    /// A rotary axis turns about a point that data of its errors do not tell.
+    fn note_points(out: &Path, spec: &ModelSpec) {
+        let rotary = spec.chain.axes().iter().map(|a| a.name).filter(|a| a.kind() == AxisKind::Rotary);
+        for axis in rotary.filter(|a| *a != AxisName::S && spec.axis(*a).point == Vec3::zeros()) {
+            note!(
+                "note: the point of axis {axis} is not known, [axes.{}] point-mm = [0, 0, 0] stands in {}: write a point on its axis at \
+                 home; 10 arcsec at a point that is off by 400 mm are 20 um",
+                axis.lower(),
+                out.display()
+            );
+        }
     }
 }
 

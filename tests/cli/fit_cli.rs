@@ -437,3 +437,17 @@ fn bad_input_is_refused_with_its_place() {
         assert!(!d.join("o.toml").exists(), "{csv:?} {extra:?} wrote a model");
     }
 }
+
+#[test]
+fn the_point_of_a_rotary_axis_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows: String = (0..13).map(|k| format!("{},{}\n", 30 * k, (k % 4) - 1)).collect();
+    std::fs::write(folder.path().join("c.csv"), format!("position_deg,ecc_arcsec\n{rows}")).unwrap();
+    let args = ["fit", "--errors", "c.csv", "--axis", "c", "--chain", "[w C' b X Y Z t]", "--out", "m.toml"];
+    let output = succeed(folder.path(), &args);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.contains("the point of axis C is not known, [axes.c] point-mm = [0, 0, 0] stands in m.toml"),
+        "{said}"
+    );
+}

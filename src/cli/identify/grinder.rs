@@ -125,6 +125,15 @@ impl Method for Args {
         for (axis, path) in &self.step {
             let rows = read(path, chain.spec())?;
             chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;
+            if let Some(found) = chain.steps().last().filter(|found| !is_consistent(found)) {
+                note!(
+                    "warning: {}: step {axis} leaves {:.2} um rms, where its noise and the steps before explain {:.2} um: a sign, a \
+                     column, the corrections in force or a reading is wrong; the uncertainties stated do not hold",
+                    path.display(),
+                    um_from_mm(found.rms),
+                    um_from_mm(found.expected_rms.unwrap_or(0.0))
+                );
+            }
         }
         if let Some((axis, path)) = &self.next {
             write_poses(&chain, *axis, path, self)?;
@@ -293,9 +302,21 @@ impl Found for Outcome<'_> {
         if let Some(machine) = &args.out.machine {
             file.spec.machine.clone_from(machine);
         }
-        args.out.write(&file, &sources.comments(), &files)?;
+        if args.drawing.is_some() {
+            args.out.write_complete(&file, &sources.comments(), &files)?;
+        } else {
+            args.out.write(&file, &sources.comments(), &files)?;
+        }
         Ok(String::new())
     }
+}
+
+/// What a step may leave, in what is expected.
+const CONSISTENT: f64 = 3.0;
+
+/// False where a step contradicts itself or those before; true where no noise says what to expect.
+fn is_consistent(found: &Step) -> bool {
+    found.expected_rms.is_none_or(|expected| found.rms <= CONSISTENT * expected)
 }
 
 /// The reference position or another of a step, in mm or deg.
@@ -326,6 +347,7 @@ fn step_json(found: &Step) -> Value {
     let unit = if found.axis.kind() == AxisKind::Rotary { "deg" } else { "mm" };
     json!({
         "axis": found.axis.lower().to_string(),
+        "consistent": is_consistent(found),
         format!("position_{unit}"): found.positions.iter().map(|q| position(found, *q)).collect::<Vec<_>>(),
         "reference": found.reference,
         "motions": motions,
