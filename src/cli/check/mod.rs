@@ -187,6 +187,9 @@ fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
     Ok((Found::Machine { machine, settings, model, fates }, problem))
 }
 
+/// A model, its hash, and what became of each effect of the additions.
+type Looked = (ModelFile, String, Vec<(String, Fate)>);
+
 /// BLAKE3 of the text of a model, in hexadecimal digits.
 fn hash(text: &str) -> String {
     blake3::hash(text.as_bytes()).to_hex().to_string()
@@ -202,12 +205,7 @@ fn look_at_hash(file: &str, text: &str, machine: &MachineConfig, hash: &str) -> 
 }
 
 /// The model that a machine file names, with its additions, checked against it; its hash is that of what the daemon would use.
-fn look_at_model(
-    path: &Path,
-    file: &str,
-    text: &str,
-    machine: &MachineConfig,
-) -> Result<(ModelFile, String, Vec<(String, Fate)>), Problem> {
+fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<Looked, Problem> {
     let named = path.parent().unwrap_or(Path::new("")).join(&machine.model);
     let model_text = read(&named).map_err(|problem| match problem {
         Problem::Io(Failure { code, message }) => {
