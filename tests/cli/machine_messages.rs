@@ -38,6 +38,27 @@ fn limits_of_axes() {
     machine_shows(&with("jump-mm = 0"), &["jump-mm is 0 mm"]);
     machine_shows(&with("reversal-deadband-um = -1"), &["reversal-deadband-um is -1 um"]);
     machine_shows(&with("read-back-tolerance-um = 0"), &["read-back-tolerance-um is 0 um"]);
+    machine_shows(
+        &with("read-back-tolerance-um = 500"),
+        &[
+            "axes.x.read-back-tolerance-um is 500 um, not below limit-um (50 um)",
+            "machine.toml:8:26",
+            "tolerate less than the limit",
+        ],
+    );
+    machine_shows(
+        &with(
+            "[axes.c]\nlimit-arcsec = 20\nrate-arcsec-per-s = 9\nacceleration-arcsec-per-s2 = 9\nread-back-tolerance-arcsec = 20",
+        ),
+        &[
+            "axes.c.read-back-tolerance-arcsec is 20 arcsec, not below limit-arcsec (20 arcsec)",
+            "machine.toml:12:30",
+        ],
+    );
+    machine_shows(
+        &with("soft-limit-mm = [1e308, 5]"),
+        &["axes.x.soft-limit-mm is [1e308, 5]: the lower end"],
+    );
     machine_shows(&with("[axes.s]"), &["the spindle is never offset", "machine.toml:8:7"]);
     machine_shows(&with("[axes.Y]"), &["unknown axis axes.Y", "write [axes.y]"]);
     let nine: String = "yzuvwabc".chars().map(|c| format!("[axes.{c}]\n")).collect();

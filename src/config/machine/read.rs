@@ -13,7 +13,7 @@ use super::{
     MachineConfig, NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig,
     StatusConfig, WhenFull,
 };
-use crate::diagnostic::{ConfigErrors, Diagnostic};
+use crate::diagnostic::{ConfigErrors, Diagnostic, figure};
 use crate::reader::{self, Allowed, Key, Placed, Reader, Section};
 use volcomp_engine::{AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
@@ -434,8 +434,10 @@ fn read_soft_limits(section: &Section<'_>, keys: &AxisKeys) -> [f64; 2] {
     let [low, high] = list.value;
     if low >= high {
         let message = format!(
-            "{} is [{low}, {high}]: the lower end is not below the upper",
-            section.named_key(keys.soft)
+            "{} is [{}, {}]: the lower end is not below the upper",
+            section.named_key(keys.soft),
+            figure(low),
+            figure(high)
         );
         section.report(Diagnostic::at(list.place, message, "write the lower end first"));
     }
@@ -518,7 +520,11 @@ fn read_guard(guard: &Section<'_>) -> GuardConfig {
         let [low, high] = list.value;
         guard.report(Diagnostic::at(
             list.place.clone(),
-            format!("guard.temperature-degc is [{low}, {high}]: the lower end is not below the upper"),
+            format!(
+                "guard.temperature-degc is [{}, {}]: the lower end is not below the upper",
+                figure(low),
+                figure(high)
+            ),
             "write the lower end first",
         ));
     }
