@@ -5,13 +5,25 @@ pub(crate) fn counted(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
-/// A number with so many decimals, never minus zero.
+/// From here numbers have an exponent.
+const LONG: f64 = 1e9;
+
+/// A number with so many decimals, never minus zero; with an exponent where it would be long.
 pub(crate) fn plain(v: f64, decimals: usize) -> String {
+    if v.abs() >= LONG {
+        return format!("{v:.4e}");
+    }
     let text = format!("{v:.decimals$}");
     match text.strip_prefix('-') {
         Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.to_owned(),
         _ => text,
     }
+}
+
+/// A number in all its digits, with an exponent where it would be long.
+pub(crate) fn figure(v: f64) -> String {
+    let long = v != 0.0 && v.is_finite() && !(1e-6..LONG).contains(&v.abs());
+    if long { format!("{v:e}") } else { format!("{v}") }
 }
 
 /// A number with its sign, which zero has not.
@@ -43,6 +55,14 @@ mod tests {
     #[test]
     fn one_has_no_plural_and_zero_no_sign() {
         assert_eq!([plain(-0.004, 2), plain(-0.0, 0), plain(-1.5, 1)], ["0.00", "0", "-1.5"]);
+        assert_eq!(
+            [plain(f64::MAX, 3), signed(-2e9, 2), signed(1e12, 0)],
+            ["1.7977e308", "-2.0000e9", "+1.0000e12"]
+        );
+        assert_eq!(
+            [figure(1e308), figure(-0.0), figure(1e-7), figure(850.5)],
+            ["1e308", "-0", "1e-7", "850.5"]
+        );
         assert_eq!([signed(-0.004, 0), signed(0.4, 0), signed(12.0, 0)], ["0", "0", "+12"]);
         assert_eq!(micro("1000 um/s, 2 um/s^2"), "1000 µm/s, 2 µm/s^2");
         assert_eq!([micro("um"), micro("3 um, at 1  Y"), micro("a sum")], ["µm", "3 µm, at 1  Y", "a sum"]);

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::numerals::plain;
+use crate::numerals::{figure, plain};
 use crate::units::Units;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Chain, ErrorSymbol, Pose};
@@ -58,13 +58,14 @@ pub(crate) fn error_out(symbol: ErrorSymbol, v: f64) -> f64 {
 
 /// Without the noise of the conversion.
 pub(crate) fn rounded(v: f64) -> f64 {
-    // adding zero turns -0 into 0
-    (v * 1e6).round() / 1e6 + 0.0
+    let rounded = (v * 1e6).round() / 1e6;
+    // adding zero turns -0 into 0; what overflows has no decimals
+    if rounded.is_finite() { rounded + 0.0 } else { v }
 }
 
 /// A range of an axis in words: `0 to 500 mm`.
 pub(crate) fn range_words(axis: AxisName, range: [f64; 2]) -> String {
-    let [low, high] = range.map(|q| position_out(axis, q));
+    let [low, high] = range.map(|q| figure(position_out(axis, q)));
     format!("{low} to {high} {}", position_unit(axis))
 }
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::input::{self, InputKind};
-use super::numerals::counted;
+use super::numerals::{counted, plain};
 use super::{EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config::MachineConfig;
 use volcomp_daemon::client::{self, ClientError};
@@ -149,8 +149,10 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
         Ok(machine) => socket_of(config, &machine),
         // a mistake elsewhere in the file must not keep anybody from a daemon that runs
         Err(failure) => {
-            let text = input::read_text(config, InputKind::Machine)?;
-            let Some(socket) = stated_socket(&text) else { return Err(failure) };
+            let bytes = input::read(config, InputKind::Machine).map_err(without_file)?;
+            let Some(socket) = stated_socket(&String::from_utf8_lossy(&bytes)) else {
+                return Err(without_file(failure));
+            };
             note!(
                 "{}: mistakes in it (volcomp check lists them); its status socket {socket} is used",
                 config.display()
@@ -160,15 +162,27 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
     }
 }
 
-/// The socket that the table `[status]` of a machine file names, whatever else is wrong in the file; the default where it names none.
+/// A failure of the machine file, with the way to the daemon that needs none.
+fn without_file(mut failure: Failure) -> Failure {
+    failure.message.push_str("\n  hint: a running daemon is reached without its machine file by --socket PATH; by default PATH is ");
+    failure.message.push_str(DEFAULT_SOCKET);
+    failure
+}
+
+/// The socket that the table `[status]` of a machine file names, whatever else is wrong in the file; the default where it
+/// names none, nothing where it is switched off or is no text.
 fn stated_socket(text: &str) -> Option<String> {
+    if let Some(socket) = volcomp_config::text_at(text, &["status", "socket"]) {
+        return (!socket.is_empty()).then_some(socket);
+    }
+    // what the TOML reader could not make out of a broken file
     let mut table = "";
     for line in text.lines().map(str::trim) {
         if line.starts_with('[') {
             table = line.split(['#', ' ']).next().unwrap_or(line);
         }
         let value = line.strip_prefix("socket").and_then(|rest| rest.trim_start().strip_prefix('='));
-        if let (Some(value), "[status]") = (value, table) {
+        if let (Some(value), "[status]" | "[status") = (value, table) {
             let value = value.trim_start();
             let quote = value.chars().next().filter(|q| ['"', '\''].contains(q))?;
             let (socket, _) = value[1..].split_once(quote)?;
@@ -284,9 +298,11 @@ fn write_shadow(f: &mut String, status: &Status) -> std::fmt::Result {
     )?;
     for (axis, a) in &shadow.axes {
         let ShadowAxis { unit, before_rms, before_max, after_rms, after_max, limited_cycles } = a;
+        let [before_rms, before_max, after_rms, after_max] =
+            [before_rms, before_max, after_rms, after_max].map(|v| plain(*v, 3));
         writeln!(
             f,
-            "{axis:>4}        error known to the model {before_rms:.3} rms {before_max:.3} max, would be left {after_rms:.3} rms {after_max:.3} max {unit}, limited in {limited_cycles} cycles",
+            "{axis:>4}        error known to the model {before_rms} rms {before_max} max, would be left {after_rms} rms {after_max} max {unit}, limited in {limited_cycles} cycles",
         )?;
     }
     Ok(())
@@ -328,11 +344,11 @@ fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
         let axes: BTreeSet<&String> = asked.keys().chain(applied.keys()).collect();
         for axis in axes {
             match asked.get(axis) {
-                Some(value) => write!(f, "{axis:>4}        {value:+10.3} {unit}")?,
+                Some(value) => write!(f, "{axis:>4}        {} {unit}", offset(*value))?,
                 None => write!(f, "{axis:>4}        nothing is sent")?,
             }
             if let Some(applied) = applied.get(axis) {
-                write!(f, "   applied {applied:+10.3} {unit}")?;
+                write!(f, "   applied {} {unit}", offset(*applied))?;
             }
             for (axes, word) in [
                 (&status.limited, "LIMITED"),
@@ -349,6 +365,12 @@ fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
         }
     }
     Ok(())
+}
+
+/// An offset with its sign in a column.
+fn offset(value: f64) -> String {
+    let sign = if value.is_sign_negative() { "" } else { "+" };
+    format!("{:>10}", format!("{sign}{}", plain(value, 3)))
 }
 
 fn write_tail(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result {
@@ -399,7 +421,11 @@ fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
     for (unit, largest) in [("um", &all.largest_um), ("arcsec", &all.largest_arcsec)] {
         for (axis, value) in largest {
             let limited_s = all.limited_s.get(axis).copied().unwrap_or(0.0);
-            writeln!(f, "{axis:>4}        largest offset {value:.3} {unit}, limited for {limited_s:.3} s")?;
+            writeln!(
+                f,
+                "{axis:>4}        largest offset {} {unit}, limited for {limited_s:.3} s",
+                plain(*value, 3)
+            )?;
         }
     }
     if all.audit_lines_lost > 0 {
@@ -427,4 +453,56 @@ fn duration(seconds: f64) -> String {
     }
     let whole = seconds as u64;
     format!("{}:{:02}:{:02}", whole / 3600, whole / 60 % 60, whole % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_socket_is_found_in_files_with_mistakes() {
+        let stated = |text: &str| stated_socket(text);
+        let found = Some("/run/a.sock".to_owned());
+        for text in [
+            "limmit = 1\n[status]\nsocket = \"/run/a.sock\"\n",
+            "status.socket = \"/run/a.sock\"\n[axes.x]\nlimit-um = 1,5\n",
+            "status = { socket = '/run/a.sock' }\n",
+            "[ status ]\nsocket = \"/run/a.sock\"\n[status]\n",
+            "= no TOML\n[status] # where\nsocket='/run/a.sock'\n",
+            "[status]\nsocket = /run/a.sock\n",
+            "[status\nsocket = \"/run/a.sock\" # here\n",
+            "\u{feff}[status]\nsocket = \"/run/a.sock\"\nother = \u{fffd}\n",
+        ] {
+            assert_eq!(stated(text), found, "{text}");
+        }
+        for text in ["", "[axes.x]\nlimit-um = 5\n", "[log]\nsocket = \"/run/b.sock\"\n"] {
+            assert_eq!(stated(text).as_deref(), Some(DEFAULT_SOCKET), "{text}");
+        }
+        for text in ["[status]\nsocket = \"\"\n", "[status]\nsocket = 5\n"] {
+            assert_eq!(stated(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn offsets_stand_in_a_column_whatever_the_control_says() {
+        let shown = [0.0, -0.0, -12.3456, 1e308].map(offset);
+        assert_eq!(shown, ["    +0.000", "     0.000", "   -12.346", "+1.0000e308"]);
+    }
+
+    #[test]
+    fn a_machine_file_without_a_socket_names_the_option() {
+        let dir = tempfile::tempdir().unwrap();
+        let config = dir.path().join("machine.toml");
+        let refused = || {
+            let which = Which { config: Some(config.clone()), socket: None };
+            socket(&which).unwrap_err().message
+        };
+        let hint = "--socket PATH; by default PATH is /run/volcomp/volcompd.sock";
+        assert!(refused().contains(hint), "{}", refused());
+        std::fs::write(&config, "limmit = 1\n[status]\nsocket = 5\n").unwrap();
+        assert!(refused().contains("limmit") && refused().contains(hint), "{}", refused());
+        std::fs::write(&config, b"# \xff\n[status]\nsocket = \"a.sock\"\n").unwrap();
+        let which = Which { config: Some(config.clone()), socket: None };
+        assert_eq!(socket(&which).unwrap(), dir.path().join("a.sock"));
+    }
 }

@@ -68,6 +68,12 @@ pub fn place_of(text: &str, path: &[&str]) -> Option<core::ops::Range<usize>> {
     reader::place_of(text, path)
 }
 
+/// The text of a key, whatever else is wrong in the file; `None` where it states none.
+#[must_use]
+pub fn text_at(text: &str, path: &[&str]) -> Option<String> {
+    reader::text_at(text, path)
+}
+
 /// Checks `format`; false where the file is of another format, so that nothing else in it can be judged.
 fn read_format(top: &Section<'_>, expected: &str) -> bool {
     if top.value("format").is_none() {

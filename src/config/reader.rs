@@ -185,6 +185,17 @@ pub(super) fn place_of(text: &str, path: &[&str]) -> Option<Range<usize>> {
     Some(if value.get_ref().is_table() { key.span() } else { value.span() })
 }
 
+/// The text of a key in a document, whatever else is wrong in it.
+pub(super) fn text_at(text: &str, path: &[&str]) -> Option<String> {
+    let (document, _) = DeTable::parse_recoverable(without_mark(text));
+    let mut table = document.get_ref();
+    let (last, parents) = path.split_last()?;
+    for key in parents {
+        table = table.get(*key)?.get_ref().as_table()?;
+    }
+    table.get(*last)?.get_ref().as_str().map(str::to_owned)
+}
+
 /// One table of the document, or its absence.
 #[derive(Debug)]
 pub(super) struct Section<'r> {
