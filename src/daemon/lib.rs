@@ -92,6 +92,7 @@ pub use latency::{Bins, Histograms};
 pub use link_session::{LinkSession, Reaction};
 pub use load::{LoadError, Loaded, load, load_config, with_additions};
 pub use logging::LogError;
+pub use realtime::last_processor;
 pub use recent::{CodeCount, EventStatus, RecentStatus};
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use self_benchmark::{SelfBenchmark, SelfBenchmarkError, run_self_benchmark};

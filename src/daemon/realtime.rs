@@ -3,6 +3,7 @@
 //! Nothing here is required: what the system refuses is reported in one line and the daemon works on.
 
 use core::fmt;
+use std::path::Path;
 
 use rustix::io::Errno;
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -36,6 +37,13 @@ pub(super) enum Refusal {
     MemoryLimit(u64),
     /// The number is none that the system knows.
     OutOfRange,
+    /// A processor beyond the last one.
+    NoProcessor {
+        /// Asked for.
+        cpu: u16,
+        /// The last one that there is.
+        last: u16,
+    },
 }
 
 /// What the cycle thread got.
@@ -59,6 +67,10 @@ impl fmt::Display for Refusal {
                 MEMLOCK_BYTES_MIN >> 20
             ),
             Self::OutOfRange => f.write_str("out of range"),
+            Self::NoProcessor { cpu, last } => write!(
+                f,
+                "processor {cpu} does not exist, the last one is {last}; correct cpu in [realtime] of the machine file"
+            ),
         }
     }
 }
@@ -120,13 +132,26 @@ fn fifo(priority: u8) -> Granted {
 }
 
 fn affinity(cpu: u16) -> Granted {
-    let cpu = usize::from(cpu);
-    if cpu >= CpuSet::MAX_CPU {
+    if usize::from(cpu) >= CpuSet::MAX_CPU {
         return Granted::Refused { what: Refusal::OutOfRange };
     }
     let mut set = CpuSet::new();
-    set.set(cpu);
-    system(sched_setaffinity(None, &set))
+    set.set(usize::from(cpu));
+    match (system(sched_setaffinity(None, &set)), last_processor()) {
+        (Granted::Refused { .. }, Some(last)) if cpu > last => {
+            Granted::Refused { what: Refusal::NoProcessor { cpu, last } }
+        }
+        (granted, _) => granted,
+    }
+}
+
+/// The highest number of a processor of this computer; `None` where the system does not say.
+#[must_use]
+pub fn last_processor() -> Option<u16> {
+    let list = volcomp_state::bounded_read::read_bounded(Path::new("/sys/devices/system/cpu/online"), 4096);
+    // ranges such as `0-3,8-11`
+    let list = String::from_utf8(list.ok()?).ok()?;
+    list.trim().rsplit([',', '-']).next()?.parse().ok()
 }
 
 /// Locks what has come since, such as another model; asked for by the service after a switch.
@@ -173,7 +198,11 @@ mod tests {
         let handle = std::thread::spawn(|| affinity(1023));
         let granted = handle.join().expect("thread ends");
         assert!(granted.is_refused());
-        assert!(granted.text().starts_with("refused: "), "{}", granted.text());
+        let last = last_processor().expect("the system lists its processors");
+        let said = format!(
+            "refused: processor 1023 does not exist, the last one is {last}; correct cpu in [realtime]"
+        );
+        assert!(granted.text().starts_with(&said), "{}", granted.text());
         assert_eq!(affinity(u16::MAX), Granted::Refused { what: Refusal::OutOfRange });
     }
 

@@ -1,5 +1,6 @@
 //! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
+mod plausibility;
 mod settings;
 mod text_report;
 
@@ -12,7 +13,7 @@ use serde_json::{Value, json};
 use self::settings::{Setting, settings};
 pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{Size, kinds_of};
-use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json};
+use self::text_report::{describe_machine, describe_model, expiry_note, machine_notes, model_as_json};
 use super::input::{self, InputKind};
 use super::numerals::micro;
 use super::quantities::{offset_out, offset_unit};
@@ -283,7 +284,10 @@ impl Found {
     fn as_text(&self, file: &str, details: bool) -> String {
         let mut lines = vec![format!("{file}: ok")];
         match self {
-            Self::Model(model, hash) => describe_model(&mut lines, model, hash, details),
+            Self::Model(model, hash) => {
+                lines.extend(expiry_note(model, None).map(|n| format!("  note: {n}")));
+                describe_model(&mut lines, model, hash, details);
+            }
             Self::Machine { machine, settings, model, fates } => {
                 describe_machine(&mut lines, machine);
                 lines.extend(settings::lines(settings));
@@ -303,7 +307,8 @@ impl Found {
             Self::Model(model, hash) => {
                 let mut out = model_as_json(model, hash);
                 out["format"] = json!(config::model::FORMAT);
-                out["notes"] = json!(model_notes(model));
+                let expired = expiry_note(model, None);
+                out["notes"] = expired.into_iter().chain(model_notes(model)).collect();
                 out
             }
             Self::Machine { machine, settings, model, fates } => json!({
@@ -392,6 +397,16 @@ mod tests {
             found.contains("note: VC-5003: the model expired on 2020-01-31: compensation stays off"),
             "{found}"
         );
+        for (name, hint) in [("model.toml", "[guard] of the machine file"), ("a.toml", "--accept-expired")] {
+            let outcome = Outcome::of(&dir.path().join(name));
+            let note = outcome.as_json()["notes"].to_string();
+            assert!(
+                note.contains("VC-5003: the model expired on 2020-01-31") && note.contains(hint),
+                "{note}"
+            );
+            let text = outcome.found.unwrap().as_text(name, false);
+            assert!(text.contains("note: VC-5003") && text.contains(hint), "{text}");
+        }
         let hash = found.lines().find_map(|l| l.trim().strip_prefix("hash ")).unwrap().to_owned();
         assert_eq!(hash, super::hash(&std::fs::read_to_string(dir.path().join("model.toml")).unwrap()));
         assert_eq!(text("b.toml", &format!("{good}[guard]\nhash = \"{hash}\"\n")).1, None);

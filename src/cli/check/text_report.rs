@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::plausibility;
 use crate::identity;
 use crate::model::gauge;
 use crate::model::report::{axis_words, errors};
@@ -137,15 +138,7 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
             format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
         })
         .collect();
-    #[expect(clippy::disallowed_methods, reason = "whether a model has expired is a matter of today")]
-    let now = std::time::SystemTime::now();
-    if let Some(expiry) = file.earliest_expiry().filter(|day| is_expired(day, now)) {
-        let follows = match machine.guard.expired {
-            Policy::Warn => "the daemon warns of it",
-            _ => "compensation stays off until it is enabled with --accept-expired and --reason",
-        };
-        out.push(format!("VC-5003: the model expired on {expiry}: {follows}"));
-    }
+    out.extend(expiry_note(file, Some(machine.guard.expired)));
     let ladder_s = machine.engine.stale_s + machine.engine.hold_s + machine.engine.ramp_s;
     if machine.link.silence_s < ladder_s {
         out.push(format!(
@@ -154,6 +147,7 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
             machine.link.silence_s
         ));
     }
+    out.extend(plausibility::notes(machine, model));
     let used: Vec<&str> = file.growths_in_use().map(|t| t.name.as_str()).collect();
     if machine.sensors.spec.sensors.is_empty() && !used.is_empty() {
         out.push(format!(
@@ -219,6 +213,21 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         }
     }
     [cut_off, out].concat()
+}
+
+/// A model whose last day has passed, and what a daemon makes of it; without a machine file the policy is not known.
+pub(super) fn expiry_note(file: &ModelFile, policy: Option<Policy>) -> Option<String> {
+    #[expect(clippy::disallowed_methods, reason = "whether a model has expired is a matter of today")]
+    let now = std::time::SystemTime::now();
+    let expiry = file.earliest_expiry().filter(|day| is_expired(day, now))?;
+    let follows = match policy {
+        Some(Policy::Warn) => "the daemon warns of it",
+        Some(_) => "compensation stays off until it is enabled with --accept-expired and --reason",
+        None => {
+            "what follows is said by `expired` in [guard] of the machine file; by default compensation stays off"
+        }
+    };
+    Some(format!("VC-5003: the model expired on {expiry}: {follows}"))
 }
 
 /// What is allowed but worth knowing about a model.
