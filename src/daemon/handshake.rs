@@ -43,9 +43,7 @@ pub(super) enum LinkError {
     Frame { address: SocketAddr, source: FrameError },
     #[error("control {address}: sent a {found} where its hello was due")]
     Unexpected { address: SocketAddr, found: &'static str },
-    #[error(
-        "control {address}: refused this daemon, which is for machine \"{machine}\": {code:?} ({detail})"
-    )]
+    #[error("control {address}: refused this daemon, which is for machine \"{machine}\": {code} ({detail})")]
     Refused { address: SocketAddr, machine: String, code: ErrorCode, detail: Name },
     #[error(
         "control {address}: speaks protocol version {found}, this daemon {PROTOCOL_VERSION}; \

@@ -9,9 +9,9 @@ use volcomp_protocol::{CloseReason, ErrorReport, FrameError};
 pub(super) enum LinkEnd {
     #[error("the control closed the connection without a close frame")]
     Closed,
-    #[error("the control closed the link: {0:?}")]
+    #[error("the control closed the link: {0}")]
     ClosedByControl(CloseReason),
-    #[error("the control reported an error: {code:?} ({detail})", code = .0.code, detail = .0.detail)]
+    #[error("the control reported an error: {code} ({detail})", code = .0.code, detail = .0.detail)]
     Refused(ErrorReport),
     #[error("bytes from the control are not a frame: {0}")]
     BadFrame(FrameError),
@@ -31,4 +31,24 @@ pub(super) enum LinkEnd {
     Silenced,
     #[error("this daemon stops")]
     Stopped { at_rest: bool },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_protocol::{ErrorCode, Name};
+
+    #[test]
+    fn codes_of_later_versions_are_told_by_their_number() {
+        let refused = |code| LinkEnd::Refused(ErrorReport { code, detail: Name::new("drive 3") }).to_string();
+        assert_eq!(refused(ErrorCode::Busy), "the control reported an error: Busy (drive 3)");
+        assert_eq!(
+            refused(ErrorCode::Other(200)),
+            "the control reported an error: code 200, which this version does not know (drive 3)"
+        );
+        assert_eq!(
+            LinkEnd::ClosedByControl(CloseReason::Other(9)).to_string(),
+            "the control closed the link: reason 9, which this version does not know"
+        );
+    }
 }

@@ -25,7 +25,7 @@ use volcomp_engine::fault::{self, Code, Entry};
 use volcomp_engine::{Detail, Event, Quantity, Reason, ShadowScore, State};
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
+use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
 
 /// A latched fault.
 #[derive(Debug, Clone)]
@@ -323,22 +323,24 @@ impl StatusCollector {
         fault.into_iter().collect()
     }
 
-    /// Axis, value and limit of a change of state, in words.
+    /// Axis, value and limit of a change of state, in words; of an axis outside its travel, the travel.
     pub(super) fn numbers(&self, detail: Option<&Detail>) -> Option<String> {
-        let Detail { axis, quantity, value, limit } = *detail?;
-        let axis = axis.and_then(|k| self.axes().get(usize::from(k)).copied());
-        let (unit, small, factor) = match (quantity, axis.map(AxisName::kind)) {
-            (Quantity::Time, _) => ("s", "ms", 1e3),
-            (Quantity::Axis, Some(AxisKind::Rotary)) => ("deg", "arcsec", 3600.0),
-            _ => ("mm", "um", 1e3),
-        };
-        let words = |v: f64| match v.abs() {
-            size if size > 0.0 && size < 1.0 => format!("{:.4} {small}", v * factor),
-            _ => format!("{v:.4} {unit}"),
-        };
-        let place = axis.map_or_else(String::new, |axis| format!("{}: ", letter(axis)));
-        let bound = if limit.is_nan() { String::new() } else { format!(", limit {}", words(limit)) };
-        Some(format!("{place}{}{bound}", words(value)))
+        let detail = detail?;
+        let axis = detail.axis.and_then(|k| self.axes().get(usize::from(k)).copied());
+        // what has no limit of its own and is a number is a position beyond the travel
+        let is_place = detail.quantity == Quantity::Axis && detail.limit.is_nan() && detail.value.is_finite();
+        let travel = axis.filter(|_| is_place);
+        let travel = travel.and_then(|axis| Some((axis, self.loaded.spec.axis(axis).travel?)));
+        if let Some((axis, ends)) = travel {
+            let [low, high] = ends.map(|end| if is_rotary(axis) { deg_from_rad(end) } else { end });
+            if detail.value < low || detail.value > high {
+                let unit = if is_rotary(axis) { "deg" } else { "mm" };
+                let place = words_apart(detail.value, if detail.value < low { low } else { high }, unit);
+                let [low, high] = [low, high].map(|end| figure((end * 1e6).round() / 1e6));
+                return Some(format!("{}: {place}, travel {low} to {high} {unit}", letter(axis)));
+            }
+        }
+        Some(in_words(axis, detail))
     }
 
     /// The fault that is latched now, in a line.
@@ -370,7 +372,7 @@ impl StatusCollector {
                 value: last.applied[k],
                 limit: f64::NAN,
             };
-            self.numbers(Some(&detail))
+            Some(in_words(Some(name), &detail))
         });
         let words: Vec<String> = words.collect();
         (!words.is_empty()).then(|| words.join(", "))
@@ -468,6 +470,48 @@ fn wire(axis: AxisName, value: f64) -> f64 {
     }
 }
 
+/// Axis, value and limit of a detail; the travel is not looked at.
+fn in_words(axis: Option<AxisName>, detail: &Detail) -> String {
+    let Detail { quantity, value, limit, .. } = *detail;
+    let (unit, small, factor) = match (quantity, axis.map(AxisName::kind)) {
+        (Quantity::Time, _) => ("s", "ms", 1e3),
+        (Quantity::Axis, Some(AxisKind::Rotary)) => ("deg", "arcsec", 3600.0),
+        _ => ("mm", "um", 1e3),
+    };
+    let words = |v: f64, other: f64| match v.abs() {
+        size if size > 0.0 && size < 1.0 => words_apart(v * factor, other * factor, small),
+        _ => words_apart(v, other, unit),
+    };
+    let place = axis.map_or_else(String::new, |axis| format!("{}: ", letter(axis)));
+    let bound = if limit.is_nan() { String::new() } else { format!(", limit {}", words(limit, value)) };
+    format!("{place}{}{bound}", words(value, limit))
+}
+
+/// A number with its unit: four decimals, or as many as tell it from another; an exponent where it would be long.
+fn words_apart(value: f64, other: f64, unit: &str) -> String {
+    if value.abs() >= LONG {
+        return format!("{value:.4e} {unit}");
+    }
+    let text = |decimals: usize| format!("{value:.decimals$}");
+    let same = |decimals: &usize| {
+        value != other && text(*decimals) == format!("{other:.decimals$}", decimals = *decimals)
+    };
+    let decimals = [4, 7, 10].into_iter().find(|d| !same(d)).unwrap_or(10);
+    format!("{} {unit}", text(decimals))
+}
+
+/// A number in as few digits as it has.
+fn figure(v: f64) -> String {
+    if v.abs() >= LONG { format!("{v:e}") } else { format!("{v}") }
+}
+
+/// From here numbers have an exponent.
+const LONG: f64 = 1e9;
+
+fn is_rotary(axis: AxisName) -> bool {
+    axis.kind() == AxisKind::Rotary
+}
+
 fn letter(axis: AxisName) -> String {
     axis.lower().to_string()
 }
@@ -495,5 +539,48 @@ pub(super) const fn state_name(state: State) -> &'static str {
         State::RampingOut => "ramping-out",
         State::Faulted => "faulted",
         State::FadingToStatic => "fading-to-static",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_protocol::{Axis, AxisUnit, Name};
+
+    #[test]
+    fn numbers_have_enough_digits_and_no_more() {
+        let of = |value, limit| {
+            in_words(Some(AxisName::X), &Detail { axis: Some(0), quantity: Quantity::Axis, value, limit })
+        };
+        assert_eq!(of(0.0215, 0.02), "x: 21.5000 um, limit 20.0000 um");
+        assert_eq!(of(f64::MAX, 2.0), "x: 1.7977e308 mm, limit 2.0000 mm");
+        assert_eq!(of(-1e9, f64::NAN), "x: -1.0000e9 mm");
+        assert_eq!(of(2.000_000_1, 2.0), "x: 2.0000001 mm, limit 2.0000000 mm");
+        assert_eq!(of(0.25, 0.25), "x: 250.0000 um, limit 250.0000 um");
+        assert_eq!(of(f64::NAN, f64::NAN), "x: NaN mm");
+    }
+
+    #[test]
+    fn an_axis_outside_its_travel_is_shown_with_the_travel() {
+        let loaded = crate::simulation::loaded();
+        let mut collector = StatusCollector::new(loaded, Arc::default(), Clock::start()).unwrap();
+        let axis = Axis { name: AxisName::X, unit: AxisUnit::Millimetre };
+        collector.link_up(&ControlHello {
+            version: 1,
+            machine: Name::new("m"),
+            software: Name::new("test"),
+            cycle_ns: 1_000_000,
+            axis_count: 1,
+            axes: [axis; MAX_AXES],
+        });
+        let of = |value| {
+            let detail = Detail { axis: Some(0), quantity: Quantity::Axis, value, limit: f64::NAN };
+            collector.numbers(Some(&detail)).unwrap()
+        };
+        assert_eq!(of(400.000_02), "x: 400.0000200 mm, travel 0 to 400 mm");
+        assert_eq!(of(-2.0), "x: -2.0000 mm, travel 0 to 400 mm");
+        assert_eq!(of(1e308), "x: 1.0000e308 mm, travel 0 to 400 mm");
+        assert_eq!(of(5.0), "x: 5.0000 mm");
+        assert_eq!(of(f64::INFINITY), "x: inf mm");
     }
 }

@@ -379,6 +379,24 @@ impl ErrorCode {
     }
 }
 
+impl fmt::Display for CloseReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Other(code) => write!(f, "reason {code}, which this version does not know"),
+            known => write!(f, "{known:?}"),
+        }
+    }
+}
+
+impl fmt::Display for ErrorCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Other(code) => write!(f, "code {code}, which this version does not know"),
+            known => write!(f, "{known:?}"),
+        }
+    }
+}
+
 impl DaemonHello {
     /// The highest version that both the daemon and a control with versions `min` to `max` understand.
     #[must_use]

@@ -265,7 +265,7 @@ pub struct GuardConfig {
 pub enum HelloMismatch {
     /// The control is another machine.
     #[error(
-        "the control is machine \"{found}\", the machine file is for \"{expected}\": connect to the right control or correct machine ="
+        "the control is machine \"{found}\", the machine file is for \"{expected}\": connect to the right control or correct `machine` in the machine file"
     )]
     Machine {
         /// Id in the machine file.
