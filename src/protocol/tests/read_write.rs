@@ -104,6 +104,34 @@ fn what_a_control_says_of_itself() {
 }
 
 #[test]
+fn letters_spaces_and_numbers_are_those_of_the_page() {
+    for (line, is_reply) in [
+        ("ok", true),
+        ("OK", false),
+        ("tool none ", false),
+        ("tool none", true),
+        ("tool None", false),
+        ("tool 7 1 2 -2.5e-7", true),
+        ("tool 7  1 2 3", false),
+        ("tool 7 NaN 2 3", true),
+        ("tool 7 1,5 2 3", false),
+        ("Machine 1000000 100 X m", false),
+    ] {
+        assert_eq!(Reply::parse(line.as_bytes(), 1).is_ok(), is_reply, "{line}");
+    }
+    let letters = |line: &[u8]| match Reply::parse(line, 0) {
+        Ok(Reply::Machine(machine)) => machine.axes[..machine.axis_count].to_vec(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(letters(b"machine 1000000 100 xZ m\r"), [AxisName::X, AxisName::Z]);
+    let position = |applied: &str| Reply::parse(format!("position 1 5 3 0 none 1 1 {applied}").as_bytes(), 1);
+    for applied in ["nan", "-inf"] {
+        let Ok(Reply::Position(position, None)) = position(applied) else { panic!("{applied}") };
+        assert!(!position.applied[0].is_finite());
+    }
+}
+
+#[test]
 fn a_state_is_one_that_there_is() {
     for code in 0..=u8::MAX {
         let line = format!("WRITE state {code}");
