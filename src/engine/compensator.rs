@@ -355,7 +355,8 @@ impl Compensator {
 
     /// The target that is the present offset.
     fn stay(&self) -> Setpoint {
-        Setpoint { offset: self.offset(), ..Setpoint::NONE }
+        let offset = self.offset();
+        Setpoint { offset, known: offset, ..Setpoint::NONE }
     }
 
     /// The wire message for an output: mm and deg.
@@ -500,6 +501,7 @@ impl Compensator {
             lagging,
             faded: plan.target.faded,
             wanted: plan.target.offset,
+            known: plan.target.known,
             lag_cycles: self.setpoints.lag.measured(),
             // what a command, a tool or a model has changed since the last cycle is told with this one
             event: self.event.take(),

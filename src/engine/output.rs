@@ -205,6 +205,8 @@ pub struct CycleOutput {
     pub faded: u8,
     /// Correction asked for by the model, times the gain, before ramps and limits; mm or rad.
     pub wanted: AxisArray,
+    /// The same without the gain and what soft limits take off.
+    pub known: AxisArray,
     /// Control cycles from a position to the effect of its correction, where they could be measured.
     pub lag_cycles: Option<u32>,
     /// What happened, at most one thing a cycle.

@@ -20,6 +20,8 @@ const RETREAT: f64 = 0.25;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Setpoint {
     pub(super) offset: AxisArray,
+    /// The correction of the model, without the gain and what soft limits take off.
+    pub(super) known: AxisArray,
     /// The part of it that returns to zero when the axes come to rest; none where the model has no such part.
     pub(super) transient: Option<AxisArray>,
     /// Bit k: the size limit left no room for all of the transient part of axis k.
@@ -46,6 +48,7 @@ impl Setpoint {
     /// Nothing is asked for.
     pub(super) const NONE: Self = Self {
         offset: [0.0; MAX_AXES],
+        known: [0.0; MAX_AXES],
         transient: None,
         limited: 0,
         at_soft_limit: 0,
@@ -179,6 +182,7 @@ impl SetpointGenerator {
             if wire < MAX_AXES {
                 let wanted = gain * correction.offset[k];
                 target.offset[wire] = wanted;
+                target.known[wire] = correction.offset[k];
                 target.out_of_range |= u8::from(outside >> k & 1 == 1) << wire;
                 target.out_of_travel |= u8::from(flags.out_of_travel >> k & 1 == 1) << wire;
                 target.faded |= u8::from(flags.faded >> k & 1 == 1) << wire;
@@ -258,6 +262,7 @@ impl SetpointGenerator {
             target.limited |= u8::from(total != at_rest + wanted) << wire;
             transient[wire] = total - at_rest;
             target.offset[wire] = total;
+            target.known[wire] = with_transients.offset[k];
         }
         target.transient = Some(transient);
     }

@@ -3,7 +3,7 @@
 //! A second [`Compensator`] sees the frames of the machine as they would be if its offsets were applied: what it has
 //! asked for is read back one cycle later, and added to the actual position. Everything else is the real machine:
 //! states, feeds, gaps, late frames. Its score says how much of the error that the model knows would be left by
-//! ramps, limits, holds and fading. What the model does not know it cannot say: measure, or compare with the parts.
+//! gain, ramps, limits, holds and fading. What the model does not know it cannot say: measure, or compare with the parts.
 
 use super::compensator::Compensator;
 use super::config::{EngineConfig, EngineError};
@@ -19,7 +19,7 @@ use volcomp_protocol::Position;
 pub struct AxisScore {
     before_squares: f64,
     after_squares: f64,
-    /// Largest correction that the model asked for.
+    /// Largest correction of the model.
     pub before_max: f64,
     /// Largest part of it that would have been left.
     pub after_max: f64,
@@ -43,7 +43,7 @@ pub struct ShadowScore {
 }
 
 impl ShadowScore {
-    /// RMS of the correction that the model asked for, mm or rad; `None` before the first active cycle.
+    /// RMS of the correction of the model, whatever the gain, mm or rad; `None` before the first active cycle.
     #[must_use]
     pub fn before_rms(&self, axis: usize) -> Option<f64> {
         self.rms(self.axes.get(axis)?.before_squares)
@@ -68,10 +68,10 @@ impl ShadowScore {
         }
         self.active_cycles += 1;
         for (k, axis) in self.axes.iter_mut().enumerate() {
-            let (wanted, left) = (output.wanted[k], output.wanted[k] - output.offset[k]);
-            axis.before_squares += wanted * wanted;
+            let (known, left) = (output.known[k], output.known[k] - output.offset[k]);
+            axis.before_squares += known * known;
             axis.after_squares += left * left;
-            axis.before_max = axis.before_max.max(wanted.abs());
+            axis.before_max = axis.before_max.max(known.abs());
             axis.after_max = axis.after_max.max(left.abs());
             axis.limited_cycles += u64::from(output.limited >> k & 1);
         }

@@ -124,6 +124,7 @@ impl World {
             lagging: 0,
             faded: 0,
             wanted: [0.0; MAX_AXES],
+            known: [0.0; MAX_AXES],
             lag_cycles: None,
             event: None,
             stopped: false,

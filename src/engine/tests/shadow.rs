@@ -54,6 +54,18 @@ fn it_believes_that_its_offset_is_applied_and_scores_what_is_left() {
 }
 
 #[test]
+fn a_gain_leaves_its_part_of_what_the_model_knows() {
+    let model = model();
+    for (gain, left) in [(1.0, 0.0), (0.5, 0.005), (0.0, 0.010)] {
+        let mut shadow = switched_on(&EngineConfig { gain, ..config() }, &model);
+        drive(&mut shadow, &model, 0.0, 2000);
+        let score = shadow.score();
+        assert!((score.before_rms(0).unwrap() - 0.010).abs() < 1e-9, "gain {gain}");
+        assert!((score.after_rms(0).unwrap() - left).abs() < 1e-9, "gain {gain}: {:?}", score.after_rms(0));
+    }
+}
+
+#[test]
 fn limits_that_cannot_follow_show_in_the_score() {
     let model = screw();
     // 10 um at 200 mm/s over 10 mm: 1.26 mm/s is asked for
