@@ -202,7 +202,29 @@ fn motion(table: Table<Box<dyn BufRead>>, axis: AxisName) -> Result<BySymbol> {
         }
         Ok(())
     })?;
+    for ((_, symbol), measured) in symbols.iter().zip(&found) {
+        if is_swapped(&measured.readings) {
+            note!(
+                "warning: {}: {symbol} rises in equal steps and {position_name} does not: are the two columns exchanged?",
+                table.table.file()
+            );
+        }
+    }
     Ok(symbols.into_iter().map(|(_, symbol)| symbol).zip(found).collect())
+}
+
+/// True where the values stand at equal steps, as targets do, and the positions do not.
+fn is_swapped(readings: &[Reading]) -> bool {
+    const FEWEST: usize = 5;
+    let equal_steps = |of: fn(&Reading) -> f64| {
+        let mut all: Vec<f64> = readings.iter().map(of).collect();
+        all.sort_by(f64::total_cmp);
+        let range = all.last().zip(all.first()).map_or(0.0, |(b, a)| b - a);
+        all.dedup_by(|b, a| *b - *a <= 1e-9 * range);
+        let step = range / (all.len().max(2) - 1) as f64;
+        all.len() >= FEWEST && all.windows(2).all(|w| (w[1] - w[0] - step).abs() <= 1e-6 * step)
+    };
+    equal_steps(|r| r.value) && !equal_steps(|r| r.position)
 }
 
 /// The symbol of a column such as `exx_um`, or what is wrong with it.

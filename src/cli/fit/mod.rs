@@ -24,7 +24,7 @@ use volcomp_identify::curve::{self, Basis, Period, Request, Reversal, Smoothing}
 use volcomp_model::curve::Interpolation;
 use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Sense};
 use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{rad_from_arcsec, rad_from_deg};
+use volcomp_units::{deg_from_rad, rad_from_arcsec, rad_from_deg};
 
 /// Fit error curves to measured error motions and write them into a model file.
 #[derive(Debug, Parser)]
@@ -352,6 +352,41 @@ impl Args {
             }
             axis_entry(&mut model.spec, axis.name);
         }
+        let rotary = fitted.iter().filter(|f| f.symbol.axis().kind() == AxisKind::Rotary);
+        for symbol in rotary.map(|f| f.symbol) {
+            self.repeat_turn(&mut model, symbol)?;
+        }
         Ok(model)
+    }
+
+    /// Repeats a curve of a whole turn over the travel of its axis: the pose is the same at every turn.
+    fn repeat_turn(&self, model: &mut ModelFile, symbol: ErrorSymbol) -> Result<()> {
+        let axis = model.spec.axis(symbol.axis());
+        let mirrored = axis.sense == Sense::Carriage && model.spec.is_workpiece_side(axis.name);
+        let Some((_, function)) = model.spec.errors.iter_mut().find(|(s, _)| *s == symbol) else {
+            return Ok(());
+        };
+        if !curve::covers_turn(&function.curves, core::f64::consts::TAU) {
+            return Ok(());
+        }
+        let letter = axis.name.lower();
+        let Some([low, high]) = axis.travel else {
+            note!(
+                "note: {symbol}: the curve covers one turn and is held outside of it; with the travel of the axis (--travel \
+                 {letter}=LOW:HIGH) it is repeated over the travel"
+            );
+            return Ok(());
+        };
+        let travel = if mirrored { [-high, -low] } else { [low, high] };
+        let repeated = curve::repeated(&function.curves, core::f64::consts::TAU, travel)
+            .map_err(|e| data_error(&self.errors, format_args!("{symbol}: --travel {letter}: {e}")))?;
+        if let Some(curves) = repeated {
+            function.curves = curves;
+            let [low, high] = [low, high].map(deg_from_rad);
+            note!(
+                "note: {symbol}: the data cover a whole turn; the curve repeats over the travel of {low} to {high} deg"
+            );
+        }
+        Ok(())
     }
 }
