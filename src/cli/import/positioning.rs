@@ -11,7 +11,7 @@ use crate::progress::Progress;
 use crate::start_up;
 use crate::{EX_DATAERR, Failure};
 use volcomp_evaluate::PositioningReading;
-use volcomp_formats::columns::{Columns, Runs};
+use volcomp_formats::columns::{Columns, Placed, Runs};
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
@@ -226,6 +226,7 @@ fn columns(
         } else {
             // what is not given follows from the order; a given part wins over a derived one
             if let Some(placed) = runs.push_with(row[target], deviation, cycle, travel) {
+                certain(&file, before, &placed, kind)?;
                 put(before, placed.cycle, placed.travel, placed.position, placed.value)?;
             }
             before = table.line() as u64;
@@ -236,6 +237,7 @@ fn columns(
         }
     }
     if let Some(placed) = runs.finish() {
+        certain(&file, before, &placed, kind)?;
         put(before, placed.cycle, placed.travel, placed.position, placed.value)?;
     }
     progress.finish();
@@ -256,6 +258,22 @@ fn columns(
         start_up::report(&file, &test);
     }
     Ok(())
+}
+
+/// Refuses a reading whose direction of approach the order of the rows does not tell.
+fn certain(file: &str, line: u64, placed: &Placed, kind: AxisKind) -> Result<(), Failure> {
+    if placed.is_certain {
+        return Ok(());
+    }
+    let (position, unit) = match kind {
+        AxisKind::Linear => (placed.position, "mm"),
+        AxisKind::Rotary => (deg_from_rad(placed.position), "deg"),
+    };
+    Err(failure!(
+        EX_DATAERR,
+        "{file}:{line}: target {position} {unit} follows itself and the rows do not turn back here, so that nothing tells from which side \
+         it was approached (step cycle?); map a column with 1 (towards plus) or -1, such as \"direction=NAME\" in --columns"
+    ))
 }
 
 /// Cycle and direction of the current row, where the table has them.

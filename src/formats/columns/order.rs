@@ -18,6 +18,8 @@ pub struct Placed {
     pub cycle: u32,
     /// How the position was approached.
     pub travel: Travel,
+    /// False where nothing tells the direction: the position is that of the row before, and the rows do not turn back here.
+    pub is_certain: bool,
 }
 
 /// Steps behind a jump are shorter than the jump by at least this factor.
@@ -39,6 +41,8 @@ pub struct Runs {
     pending: Option<Pending>,
     first: Option<Travel>,
     last: Option<Travel>,
+    /// The row before was the first.
+    is_at_start: bool,
     cycle: u32,
 }
 
@@ -83,12 +87,18 @@ impl Runs {
             _ => self.last.unwrap_or_default(),
         };
         let travel = row.travel.unwrap_or(derived);
+        // an end target is read twice where the rows turn back behind it; more readings of a position, or two on the way, were
+        // approached from where the rows do not say (step cycle)
+        let turns = goes != 0.0 && self.last.is_none_or(|last| last != derived || self.is_at_start);
+        let is_certain =
+            row.travel.is_some() || came != 0.0 || self.before.is_none() || turns || next.is_none();
+        self.is_at_start = self.before.is_none();
         let first = *self.first.get_or_insert(travel);
         if travel == first && (self.last != Some(travel) || jump) {
             self.cycle += 1;
         }
         self.last = Some(travel);
-        Placed { position, value, cycle: row.cycle.unwrap_or(self.cycle), travel }
+        Placed { position, value, cycle: row.cycle.unwrap_or(self.cycle), travel, is_certain }
     }
 }
 
@@ -115,6 +125,23 @@ mod tests {
     fn passes_in_one_direction() {
         assert_eq!(runs(&[0.0, 10.0, 20.0, 0.0, 10.0, 20.0]), [[(1, 1); 3], [(2, 1); 3]].concat());
         assert_eq!(runs(&[20.0, 10.0, 0.0, 20.0, 10.0, 0.0]), [[(1, -1); 3], [(2, -1); 3]].concat());
+    }
+
+    #[test]
+    fn a_step_cycle_does_not_tell_its_directions() {
+        let uncertain = |positions: &[f64]| -> Vec<usize> {
+            let mut runs = Runs::default();
+            let mut found: Vec<Placed> = positions.iter().filter_map(|p| runs.push(*p, 0.0)).collect();
+            found.extend(runs.finish());
+            (0..found.len()).filter(|i| !found[*i].is_certain).collect()
+        };
+        assert_eq!(uncertain(&[0.0, 0.0, 0.0, 0.0, 10.0, 10.0, 10.0, 10.0]), [1, 2, 3, 5, 6]);
+        assert_eq!(uncertain(&[0.0, 0.0, 10.0, 10.0, 20.0, 20.0]), [3]);
+        // linear cycles, the ends read once or twice, and passes in one direction
+        assert!(uncertain(&[0.0, 10.0, 20.0, 20.0, 10.0, 0.0, 0.0, 10.0, 20.0, 20.0, 10.0, 0.0]).is_empty());
+        assert!(uncertain(&[0.0, 10.0, 20.0, 10.0, 0.0, 10.0, 20.0]).is_empty());
+        assert!(uncertain(&[0.0, 10.0, 20.0, 0.0, 10.0, 20.0]).is_empty());
+        assert!(uncertain(&[20.0, 10.0, 0.0, 0.0, 10.0, 20.0]).is_empty());
     }
 
     #[test]
