@@ -90,10 +90,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         feed_mm_per_min: args.feed_mm_per_min,
         u_device: args.u_device_um,
     };
-    let (test, charts) = match compare(files, options)? {
+    let (mut test, charts) = match compare(files, options)? {
         Some(test) => (test, Vec::new()),
         None => straightness(files)?,
     };
+    test.notes.extend(other_range(&test));
     let size = |i: usize| {
         let size =
             Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| data!(files[i], "no data rows"))?;
@@ -120,6 +121,33 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         verified.print();
     }
     Ok(())
+}
+
+/// Share of the range by which the ends of two measurements may differ.
+const SAME_RANGE: f64 = 0.05;
+
+/// Says where the two measurements do not cover the same places.
+fn other_range(test: &Compared) -> Option<String> {
+    // places of circles are sectors
+    if test.test == "iso230-4" {
+        return None;
+    }
+    let range = |readings: &[Placed]| {
+        let places = || readings.iter().map(|r| r.place.div_euclid(2) as f64 / 1e3);
+        let low = places().reduce(f64::min)?;
+        Some([low, places().reduce(f64::max)?])
+    };
+    let [before, after] = [range(&test.readings[0])?, range(&test.readings[1])?];
+    let limit = SAME_RANGE * (before[1] - before[0]).max(after[1] - after[0]);
+    let differs = before.iter().zip(&after).any(|(b, a)| (b - a).abs() > limit);
+    let unit = if test.unit == "arcsec" { "deg" } else { "mm" };
+    differs.then(|| {
+        format!(
+            "before covers {} to {} {unit}, after {} to {} {unit}: figures of different ranges do not compare; measure the same targets \
+             before and after",
+            before[0], before[1], after[0], after[1]
+        )
+    })
 }
 
 impl Verified {

@@ -143,6 +143,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     let fit = PlateFit::new(&plate.points, model, norm, args.std_um.map(mm_from_um))
         .map_err(|e| data!(args.output.data(&args.data), "{e}"))?;
+    refuse_implausible(args, &fit)?;
     let title = args.output.title(plate.title.as_deref().unwrap_or("Plate"));
     let shown = |title| Shown { title, points: &plate.points, fit: &fit };
     args.output.deliver(
@@ -155,6 +156,33 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             quality(&fit).print();
         },
     )
+}
+
+/// Scale and squareness (rad) beyond which columns or units are wrong, not the machine.
+const IMPLAUSIBLE: f64 = 0.01;
+
+/// Refuses what no machine does: exchanged columns, other units.
+fn refuse_implausible(args: &Args, fit: &PlateFit) -> Result<(), Failure> {
+    let path = args.output.data(&args.data);
+    let scales = fit.scales.into_iter().flatten().chain(fit.scale);
+    if let Some(scale) = scales.map(|e| e.value).find(|v| v.abs() > IMPLAUSIBLE) {
+        return Err(data!(
+            path,
+            "measured places are {:.4} times the nominal ones (limit 1 +- {IMPLAUSIBLE}): are all columns in mm, deviations in um, and \
+             the columns of X and Y not exchanged?",
+            1.0 + scale
+        ));
+    }
+    if let Some(value) = fit.squareness.map(|e| e.value).filter(|v| v.abs() > IMPLAUSIBLE) {
+        return Err(data!(
+            path,
+            "the angle from X to Y would be {:.3} deg off a right angle (limit {:.3} deg): are the nominal or the measured columns of X \
+             and Y exchanged, or is one of them mirrored?",
+            deg_from_rad(value),
+            deg_from_rad(IMPLAUSIBLE)
+        ));
+    }
+    Ok(())
 }
 
 /// Probability of a value at least as far from zero where it is zero.

@@ -22,7 +22,7 @@ A measured circle:
   volcomp predict --model model.toml --circle ballbar.csv --centre-mm 343.507,-285.090,-286.430 --radius-mm 100
 
 --circle reads angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), as volcomp evaluate iso230-4 does;
-a column feed_mm_per_min is ignored. The model is evaluated at the programmed positions of the axes, in their
+columns feed_mm_per_min and run are ignored. The model is evaluated at the programmed positions of the axes, in their
 direction of travel; behind a reversal an axis rests until it has made up its lost motion. Eccentricities are taken out of measured, predicted and residual, because a ballbar does not know
 where its centre is; the mean radius stays. The residual is what an ideal correction with this model leaves.";
 
@@ -75,7 +75,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     let (_, model) = read_model(&args.model)?;
-    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min"];
+    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
     let readings: Vec<CircularReading> = samples(path, &known)?.iter().map(reading).collect();
     let live = live_values(&args.model, &model, &args.reading)?;
     let [a, b] = c.plane();

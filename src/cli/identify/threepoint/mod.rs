@@ -17,7 +17,7 @@ use crate::Result;
 use crate::arg_parsers::{linear_axis, point};
 use crate::model_writer::{data_error, default_chain};
 use crate::units::Units;
-use volcomp_identify::motion::to_relative;
+use volcomp_identify::motion::{MotionRow, to_relative};
 use volcomp_identify::threepoint::{
     Geometry, Observation, PoseErrors, Seen, Series, ThreePointError, TrackerNoise, geometry, sides, solve,
     solve_series,
@@ -171,6 +171,7 @@ impl Method for Args {
         let workpiece_side = base.spec.is_workpiece_side(axis);
         let series = Series { axis, workpiece_side, origin: self.origin_mm, reference };
         let mut fit = solve_series(&shots, &series).map_err(|e| data_error(data, e))?;
+        follows_the_axis(data, &series, &fit.rows)?;
         report::scale_by_misfit(&mut fit, frame.noise_is_stated());
         if workpiece_side {
             to_relative(&mut fit.rows);
@@ -182,6 +183,38 @@ impl Method for Args {
         let report = report::Threepoint { names, fit, frame, workpiece_side };
         Ok(self.curves.motions(gauged, origin, base, report))
     }
+}
+
+/// Share of the travel that no positioning error reaches.
+const NO_ERROR: f64 = 0.01;
+
+/// Refuses points that do not move by what the axis moves: another unit, axis or sign. `rows` hold the carriage's own motion.
+fn follows_the_axis(files: &[PathBuf], series: &Series, rows: &[MotionRow]) -> Result<()> {
+    let axis = series.axis;
+    let n = rows.len() as f64;
+    let of = |r: &MotionRow| (r.position, r.motion[axis.direction()]);
+    let (mean_q, mean_e) = rows.iter().map(of).fold((0.0, 0.0), |m, (q, e)| (m.0 + q / n, m.1 + e / n));
+    let (mut qq, mut qe) = (0.0, 0.0);
+    for (q, e) in rows.iter().map(of) {
+        qq += (q - mean_q).powi(2);
+        qe += (q - mean_q) * (e - mean_e);
+    }
+    let slope = if qq > 0.0 { qe / qq } else { 0.0 };
+    if slope.abs() <= NO_ERROR {
+        return Ok(());
+    }
+    // of a carriage on the workpiece side the points go the other way
+    let moved = if series.workpiece_side { 1.0 - slope } else { 1.0 + slope };
+    Err(data_error(
+        files,
+        format_args!(
+            "E{axis}{axis} would grow by {:.4} mm per mm of position_mm (limit {NO_ERROR}): it looks like the position itself. The points \
+             move by {moved:.4} mm per mm instead of 1: is --axis {} right, are the coordinates in mm, do they hold the places of the points \
+             and not deviations, and does the sign of the chain (--chain) fit?",
+            slope.abs(),
+            axis.lower()
+        ),
+    ))
 }
 
 /// Distances between the points over all rows of all files.
