@@ -54,30 +54,40 @@ impl ModelWriter {
                 ModelFile::new(ModelSpec::new("unnamed", chain))
             }
         };
-        if let Some(machine) = &self.machine {
-            file.spec.machine.clone_from(machine);
-        }
+        self.name(&mut file);
         Ok(file)
     }
 
-    /// Writes the model as [`write_complete`](Self::write_complete) does, and names the points of rotary axes that it lacks.
+    /// The same without --into and --chain, where another model tells the chain.
+    pub(super) fn base_with(&self, chain: Chain) -> ModelFile {
+        let mut file = ModelFile::new(ModelSpec::new("unnamed", chain));
+        self.name(&mut file);
+        file
+    }
+
+    fn name(&self, file: &mut ModelFile) {
+        if let Some(machine) = &self.machine {
+            file.spec.machine.clone_from(machine);
+        }
+    }
+
+    /// Checks the model and writes it to [`target`](Self::target); `comment` says where it came from, `files` are named in
+    /// errors. Names the points of rotary axes that nobody stated.
     pub(super) fn write(
         &self,
         model: &ModelFile,
         comment: &[String],
         files: &[PathBuf],
     ) -> Result<(), Failure> {
-        self.write_complete(model, comment, files)?;
-        if let (None, Some(out)) = (&self.into, self.target()) {
-            Self::note_points(out, &model.spec);
-        }
-        Ok(())
+        // an axis of the model before has the point that was written there
+        let before = self.into.as_ref().map(|path| read_model_file(path)).transpose()?;
+        self.write_from(before.as_ref().map(|file| &file.spec), model, comment, files)
     }
 
-    /// Checks the model, whose rotary axes have their points, and writes it to [`target`](Self::target); `comment` says where it
-    /// came from, `files` are named in errors.
-    pub(super) fn write_complete(
+    /// The same, where `before` is the model in which the user stated the geometry.
+    pub(super) fn write_from(
         &self,
+        before: Option<&ModelSpec>,
         model: &ModelFile,
         comment: &[String],
         files: &[PathBuf],
@@ -86,22 +96,28 @@ impl ModelWriter {
         let Some(out) = self.target() else {
             return Err(usage!("neither --out nor --into is given"));
         };
+        warn_of_axis_points(before, &model.spec, out);
         write_text(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());
         Ok(())
     }
+}
 
-    /// A rotary axis turns about a point that data of its errors do not tell.
-    fn note_points(out: &Path, spec: &ModelSpec) {
-        let rotary = spec.chain.axes().iter().map(|a| a.name).filter(|a| a.kind() == AxisKind::Rotary);
-        for axis in rotary.filter(|a| *a != AxisName::S && spec.axis(*a).point == Vec3::zeros()) {
-            note!(
-                "note: the point of axis {axis} is not known, [axes.{}] point-mm = [0, 0, 0] stands in {}: write a point on its axis at \
-                 home; 10 arcsec at a point that is off by 400 mm are 20 um",
-                axis.lower(),
-                out.display()
-            );
+/// Says that the place of a rotary axis is not known where nobody stated it.
+fn warn_of_axis_points(before: Option<&ModelSpec>, spec: &ModelSpec, out: &Path) {
+    let rotary = spec.chain.axes().iter().filter(|a| a.kind() == AxisKind::Rotary && !a.spindle);
+    for name in rotary.map(|a| a.name) {
+        let has_entry = |spec: &ModelSpec| spec.axes.iter().any(|a| a.name == name);
+        let is_used = has_entry(spec) || spec.errors.iter().any(|(s, _)| s.axis() == name);
+        if !is_used || spec.axis(name).point != Vec3::zeros() || before.is_some_and(has_entry) {
+            continue;
         }
+        let letter = name.lower();
+        note!(
+            "note: {}: [axes.{letter}] point-mm = [0, 0, 0] is an assumption: set it to a point on axis {name} (M at home); each 100 mm \
+             beside the axis cost 0.48 um per arcsec of ea{letter}, eb{letter}, ec{letter}",
+            out.display()
+        );
     }
 }
 

@@ -5,6 +5,11 @@ pub(crate) fn counted(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
+/// A probability that has failed a test.
+pub(crate) fn small(p: f64) -> String {
+    if p < 1e-12 { "below 1e-12".to_owned() } else { format!("{p:.1e}") }
+}
+
 /// From here numbers have an exponent.
 const LONG: f64 = 1e9;
 

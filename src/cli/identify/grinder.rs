@@ -10,12 +10,15 @@ use crate::arg_parsers::{axis_letter, one_of};
 use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::model_writer::{ModelWriter, Sources, put};
-use crate::numerals::hull;
+use crate::numerals::{hull, small};
 use crate::units::{Units, key, or_dash};
 use crate::{EX_CONFIG, Failure, Result};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
-use volcomp_identify::grinder::{Chain, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan};
+use volcomp_identify::grinder::{
+    Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
+};
+use volcomp_model::statistics::SIGNIFICANT;
 use volcomp_model::{Component, Model, ModelSpec, Pose};
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
@@ -122,23 +125,16 @@ impl Method for Args {
         let mut chain = Chain::new(file.spec.clone());
         let sigma = self.noise_um.map(mm_from_um);
         let request = Request { components: self.motions.0.clone(), sigma, curves: self.basis };
+        let mut lines = Vec::new();
         for (axis, path) in &self.step {
-            let rows = read(path, chain.spec())?;
+            let (of_rows, rows) = read(path, chain.spec())?.into_iter().unzip();
+            lines.push(of_rows);
             chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;
-            if let Some(found) = chain.steps().last().filter(|found| !is_consistent(found)) {
-                note!(
-                    "warning: {}: step {axis} leaves {:.2} um rms, where its noise and the steps before explain {:.2} um: a sign, a \
-                     column, the corrections in force or a reading is wrong; the uncertainties stated do not hold",
-                    path.display(),
-                    um_from_mm(found.rms),
-                    um_from_mm(found.expected_rms.unwrap_or(0.0))
-                );
-            }
         }
         if let Some((axis, path)) = &self.next {
             write_poses(&chain, *axis, path, self)?;
         }
-        Ok((!self.step.is_empty()).then(|| Box::new(Outcome { args: self, file, chain }) as _))
+        Ok((!self.step.is_empty()).then(|| Box::new(Outcome { args: self, file, chain, lines }) as _))
     }
 }
 
@@ -157,11 +153,14 @@ fn axis_columns(axis: AxisName) -> [String; 2] {
     [format!("{}_{unit}", axis.lower()), format!("c{}_{small}", axis.lower())]
 }
 
+/// Columns of the deviations, without their unit.
+const DEVIATIONS: [&str; 3] = ["dx", "dy", "dz"];
+
 /// Columns of the tip.
 const TOOL: [&str; 3] = ["tool_x_mm", "tool_y_mm", "tool_z_mm"];
 
-/// Reads the rows of a step.
-fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>> {
+/// Reads the rows of a step, each with its line.
+fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
     let mut table = columns::open(path)?;
     let axes = spec.chain.axes().iter().map(|a| axis_columns(a.name).map(|name| table.find(&name)));
     let axes: Vec<[Option<Column>; 2]> = axes.collect();
@@ -189,7 +188,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>> {
             row.tip[i] = table.value_or(tool[i], row.tip[i])?;
             row.deviation[i] = seen[i].map(|column| table.value(column)).transpose()?;
         }
-        Ok(row)
+        Ok((table.line(), row))
     })
 }
 
@@ -234,12 +233,60 @@ struct Outcome<'a> {
     /// The model before.
     file: ModelFile,
     chain: Chain,
+    /// Lines of the rows of every step.
+    lines: Vec<Vec<u64>>,
+}
+
+impl Outcome<'_> {
+    /// What needs attention in a step.
+    fn warn_of(&self, step: usize, found: &Step) {
+        let Some(test) = found.consistency.filter(|c| c.p_value < SIGNIFICANT) else { return };
+        let path = self.args.step[step].1.display();
+        let [rms, expected, worst] =
+            [found.rms, found.expected_rms.unwrap_or(0.0), found.worst.residual].map(um_from_mm);
+        let before: Vec<String> = self.chain.steps()[..step].iter().map(|s| s.axis.to_string()).collect();
+        let cause = if found.p_value.is_some_and(|p| p < SIGNIFICANT) {
+            "the tips of a pose disagree by more than the stated noise; is a tip misplaced, or --noise-um too small?".to_owned()
+        } else if before.is_empty() {
+            "is a reading wrong, or --noise-um too small?".to_owned()
+        } else {
+            format!(
+                "the step contradicts those before it ({}): a sign or a correction of one of them is wrong, or an axis does not repeat",
+                before.join(" ")
+            )
+        };
+        note!(
+            "warning: {path}: step of axis {}: residuals of {rms:.2} um rms, {:.1} times the {expected:.2} um expected (p {}), the \
+             largest in line {}: {} {worst:+.2} um; {cause}",
+            found.axis,
+            test.factor,
+            small(test.p_value),
+            self.lines[step][found.worst.row],
+            DEVIATIONS[found.worst.direction],
+        );
+        note!(
+            "note: the uncertainties of axis {}{} are enlarged by {:.1}",
+            found.axis,
+            if before.is_empty() { "" } else { " and of the axes before that move in this step" },
+            test.enlarged
+        );
+    }
 }
 
 impl Found for Outcome<'_> {
+    fn warn(&self) {
+        self.chain.steps().iter().enumerate().for_each(|(i, found)| self.warn_of(i, found));
+    }
+
     /// Lengths in um, angles in arcsec.
     fn json(&self) -> Value {
-        let steps: Vec<Value> = self.chain.steps().iter().map(step_json).collect();
+        let steps: Vec<Value> = self
+            .chain
+            .steps()
+            .iter()
+            .zip(&self.lines)
+            .map(|(found, lines)| step_json(found, lines))
+            .collect();
         json!({"chain": self.chain.spec().chain.to_string(), "steps": steps})
     }
 
@@ -302,21 +349,9 @@ impl Found for Outcome<'_> {
         if let Some(machine) = &args.out.machine {
             file.spec.machine.clone_from(machine);
         }
-        if args.drawing.is_some() {
-            args.out.write_complete(&file, &sources.comments(), &files)?;
-        } else {
-            args.out.write(&file, &sources.comments(), &files)?;
-        }
+        args.out.write_from(Some(&self.file.spec), &file, &sources.comments(), &files)?;
         Ok(String::new())
     }
-}
-
-/// What a step may leave, in what is expected.
-const CONSISTENT: f64 = 3.0;
-
-/// False where a step contradicts itself or those before; true where no noise says what to expect.
-fn is_consistent(found: &Step) -> bool {
-    found.expected_rms.is_none_or(|expected| found.rms <= CONSISTENT * expected)
 }
 
 /// The reference position or another of a step, in mm or deg.
@@ -324,7 +359,7 @@ fn position(found: &Step, q: f64) -> f64 {
     if found.axis.kind() == AxisKind::Rotary { deg_from_rad(q) } else { q }
 }
 
-fn step_json(found: &Step) -> Value {
+fn step_json(found: &Step, lines: &[u64]) -> Value {
     let known = found.sigma.is_some();
     let um = |v: f64| known.then(|| um_from_mm(v));
     let (mut motions, mut locations) = (json!({}), json!({}));
@@ -347,7 +382,7 @@ fn step_json(found: &Step) -> Value {
     let unit = if found.axis.kind() == AxisKind::Rotary { "deg" } else { "mm" };
     json!({
         "axis": found.axis.lower().to_string(),
-        "consistent": is_consistent(found),
+        "consistent": found.consistency.is_none_or(|c| c.p_value >= SIGNIFICANT),
         format!("position_{unit}"): found.positions.iter().map(|q| position(found, *q)).collect::<Vec<_>>(),
         "reference": found.reference,
         "motions": motions,
@@ -359,6 +394,17 @@ fn step_json(found: &Step) -> Value {
         "rms_um": um_from_mm(found.rms),
         "expected_rms_um": found.expected_rms.map(um_from_mm),
         "p_value": found.p_value,
+        "consistency": found.consistency.map(|c| json!({
+            "p_value": c.p_value,
+            "factor": c.factor,
+            "enlarged": c.enlarged,
+            "passed": c.p_value >= SIGNIFICANT,
+        })),
+        "worst": json!({
+            "line": lines[found.worst.row],
+            "direction": DEVIATIONS[found.worst.direction],
+            "residual_um": um_from_mm(found.worst.residual),
+        }),
         "own_um": um(found.tip.own),
         "inherited_um": um(found.tip.inherited),
         "total_um": um(found.tip.total()),
@@ -390,11 +436,9 @@ fn print_step(found: &Step) {
             if p < 0.01 { "the tips of a pose disagree by more than the stated noise" } else { "rigid" };
         say!("  rigidity: probability {p:.3}, {verdict}");
     }
-    if let Some(expected) = found.expected_rms.filter(|e| found.rms > 2.0 * e) {
-        let [rms, expected] = [found.rms, expected].map(um_from_mm);
-        say!(
-            "  left over {rms:.2} um against {expected:.2} um expected: earlier axes are not as well known as stated, or do not repeat"
-        );
+    if let Some(Consistency { p_value: p, factor, .. }) = found.consistency {
+        let verdict = if p < SIGNIFICANT { "FAILED" } else { "passed" };
+        say!("  consistency: probability {p:.3}, rms {factor:.2} times the expected one: {verdict}");
     }
 }
 

@@ -10,7 +10,7 @@
 //!
 //! Source: equations 5.9; figures: `docs/reference/json-output.md` 2. Reading order: this file, `data`, `basis`, `solve`,
 //! `figures`, `select` (orders and reversal), `periods`, `support` and `smooth` (tables), `band`, `robust`;
-//! `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
+//! `repeat` (a whole turn over a longer travel), `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
 
 mod band;
 mod basis;
@@ -22,6 +22,7 @@ mod lanes;
 pub mod monomial;
 mod nested_models;
 mod periods;
+mod repeat;
 mod request;
 mod robust;
 mod sampling;
@@ -35,6 +36,7 @@ pub use error::FitError;
 pub use figures::Figures;
 pub use fitted::{CurveFit, Note, Outlier, ReversalFit};
 pub use periods::period_range;
+pub use repeat::{covers_turn, repeated};
 pub use request::{Basis, Period, Request, Reversal, Smoothing};
 pub use sampling::{COMMON_PITCHES, Hidden, hidden};
 pub use select::highest_order;

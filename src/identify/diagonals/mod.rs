@@ -301,6 +301,28 @@ impl Setup {
         Ok(covariance)
     }
 
+    /// Variance of the displacement half way along diagonal `index` from the standard uncertainties that the curves of `spec`
+    /// state, mm^2: the value of a curve between the ends of the box, for ends without error.
+    ///
+    /// # Errors
+    /// The model breaks a rule.
+    pub fn step_variance_of_model(&self, spec: &ModelSpec, index: usize) -> Result<f64, DiagonalsError> {
+        let mut variance = 0.0;
+        for (symbol, function) in &spec.errors {
+            let Some(std) = function.std.filter(|_| AXES.contains(&symbol.axis()) && !symbol.is_constant())
+            else {
+                continue;
+            };
+            let i = symbol.axis().direction();
+            let (low, high) = (self.low[i], self.low[i] + self.size[i]);
+            let alone =
+                self.alone(spec, *symbol, vec![low, f64::midpoint(low, high), high], vec![0.0, PROBE, 0.0])?;
+            let seen = self.displacement(&alone, index, &[0.5], Travel::Forward)?;
+            variance += (seen[0] * std / PROBE).powi(2);
+        }
+        Ok(variance)
+    }
+
     /// Squareness that an angular error with these values at the ends of the box feigns.
     fn bias_of(
         &self,
@@ -309,23 +331,37 @@ impl Setup {
         ends: [f64; 2],
     ) -> Result<[f64; 3], DiagonalsError> {
         let i = symbol.axis().direction();
+        let positions = vec![self.low[i], self.low[i] + self.size[i]];
+        let alone = self.alone(spec, symbol, positions, ends.to_vec())?;
+        let seen = self.displacements(&alone, Travel::Forward)?;
+        Ok(self.squareness(&seen, &[0.0; 4])?.value)
+    }
+
+    /// The geometry of `spec` with one curve over the programmed coordinate, in relative sense.
+    fn alone(
+        &self,
+        spec: &ModelSpec,
+        symbol: ErrorSymbol,
+        mut positions: Vec<f64>,
+        mut values: Vec<f64>,
+    ) -> Result<ModelSpec, DiagonalsError> {
         let mut alone = ModelSpec { errors: Vec::new(), datum: Vec::new(), ..spec.clone() };
-        let mut positions = vec![self.low[i], self.low[i] + self.size[i]];
-        let mut values = ends.to_vec();
         // a model in the carriage sense keeps its curves over the carriage's own displacement
         let carriage = spec.axis(symbol.axis()).sense == volcomp_model::Sense::Carriage;
         if carriage && spec.is_workpiece_side(symbol.axis()) {
-            positions = vec![-positions[1], -positions[0]];
-            values = vec![-values[1], -values[0]];
+            for list in [&mut positions, &mut values] {
+                list.reverse();
+                list.iter_mut().for_each(|v| *v = -*v);
+            }
         }
         for axis in &mut alone.axes {
             axis.travel = None;
         }
+        let size_mm = self.size[symbol.axis().direction()];
         let table = Table::new(positions, values, None, Interpolation::Linear)
-            .map_err(|_| DiagonalsError::EmptyBox { axis: symbol.axis(), size_mm: self.size[i] })?;
+            .map_err(|_| DiagonalsError::EmptyBox { axis: symbol.axis(), size_mm })?;
         alone.errors.push((symbol, ErrorFunction::single(Curve::Table(table))));
-        let seen = self.displacements(&alone, Travel::Forward)?;
-        Ok(self.squareness(&seen, &[0.0; 4])?.value)
+        Ok(alone)
     }
 }
 

@@ -13,6 +13,9 @@
 //!   not know of them stays in and is this step's inherited uncertainty;
 //! - axes after: must stand still, because nobody knows their errors yet.
 //!
+//! What a step cannot explain is tested against what noise and the steps before let expect. Where it is more, readings or steps
+//! contradict each other: the uncertainties of the step, and of the axes before that moved in it, are enlarged by the factor.
+//!
 //! A rotary axis' location errors are the part of its deviations that turns with it (its average line); the motions
 //! keep the rest. Uncertainties of all steps are carried as one covariance with all correlations.
 //!
@@ -113,6 +116,28 @@ pub enum SetUp {
     ShiftOnly,
 }
 
+/// The test of what a step cannot explain against what was expected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Consistency {
+    /// Probability that noise and what the steps before left uncertain exceed it.
+    pub p_value: f64,
+    /// Root mean square over the expected one.
+    pub factor: f64,
+    /// By what the uncertainties were enlarged; 1 where the test is passed.
+    pub enlarged: f64,
+}
+
+/// A reading that does not fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Worst {
+    /// Index of the row.
+    pub row: usize,
+    /// Direction in W: 0, 1, 2 for X, Y, Z.
+    pub direction: usize,
+    /// Measured minus explained, mm.
+    pub residual: f64,
+}
+
 /// What one step found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
@@ -140,6 +165,10 @@ pub struct Found {
     pub sigma: Option<f64>,
     /// Rigidity: probability that the tips of a pose disagree as they do with the stated noise.
     pub p_value: Option<f64>,
+    /// Whether the readings agree with the noise and with the steps before; `None` where nothing tells.
+    pub consistency: Option<Consistency>,
+    /// The reading that the step explains least.
+    pub worst: Worst,
     /// Uncertainty of the tip that comes from this axis alone, root mean square over its positions.
     pub tip: Shares,
     /// Uncertainty of the tip from all axes found so far, over the poses of this step.
@@ -280,6 +309,19 @@ impl Chain {
     pub fn identify(&mut self, measured: &Measured, request: &Request) -> Result<&Found, GrinderError> {
         let solved = step::solve(self, measured, request)?;
         self.spec = solved.spec;
+        for (step, factor) in self.steps.iter_mut().zip(&solved.enlarged) {
+            step.enlarge(*factor);
+            for motion in &step.motions {
+                put_std(
+                    &mut self.spec,
+                    motion.symbol,
+                    motion.std_of_curve().filter(|_| step.sigma.is_some()),
+                );
+            }
+            for (symbol, _, std) in &step.locations {
+                put_std(&mut self.spec, *symbol, step.sigma.map(|_| *std));
+            }
+        }
         self.covariance = solved.covariance;
         self.has_covariance &= solved.found.sigma.is_some();
         self.steps.push(solved.found);
@@ -321,8 +363,13 @@ fn write_into(spec: &mut ModelSpec, found: &Found, how: Curves) -> Result<(), Gr
             }
             Curves::Fitted => fitted(&support, stored(found.positions[found.reference]), motion.symbol)?,
         };
-        let squares = motion.std.iter().map(|s| s.total().powi(2)).sum::<f64>();
-        let std = found.sigma.map(|_| (squares / motion.std.len() as f64).sqrt());
+        // a rotary axis is in the same pose at every turn
+        let travel = spec.axis(found.axis).travel.filter(|_| found.axis.kind() == AxisKind::Rotary);
+        let curves = match travel.map(|[low, high]| if mirrored { [-high, -low] } else { [low, high] }) {
+            Some(travel) => curve::repeated(&curves, core::f64::consts::TAU, travel)?.unwrap_or(curves),
+            None => curves,
+        };
+        let std = motion.std_of_curve().filter(|_| found.sigma.is_some());
         put(spec, motion.symbol, ErrorFunction { std, curves, ..ErrorFunction::default() });
     }
     for (symbol, value, std) in &found.locations {
@@ -354,6 +401,35 @@ fn put(spec: &mut ModelSpec, symbol: ErrorSymbol, function: ErrorFunction) {
     spec.errors.retain(|(s, _)| *s != symbol);
     spec.errors.push((symbol, function));
     spec.errors.sort_by_key(|(s, _)| *s);
+}
+
+/// Changes the uncertainty of an error that is there.
+fn put_std(spec: &mut ModelSpec, symbol: ErrorSymbol, std: Option<f64>) {
+    if let Some((_, function)) = spec.errors.iter_mut().find(|(s, _)| *s == symbol) {
+        function.std = std;
+    }
+}
+
+impl Motion {
+    /// Root mean square of the uncertainties at the positions.
+    fn std_of_curve(&self) -> Option<f64> {
+        let squares = self.std.iter().map(|s| s.total().powi(2)).sum::<f64>();
+        (!self.std.is_empty()).then(|| (squares / self.std.len() as f64).sqrt())
+    }
+}
+
+impl Found {
+    /// Enlarges what is said to be uncertain.
+    fn enlarge(&mut self, factor: f64) {
+        let by = |s: &mut Shares| {
+            s.own *= factor;
+            s.inherited *= factor;
+        };
+        self.motions.iter_mut().flat_map(|m| &mut m.std).for_each(by);
+        self.locations.iter_mut().for_each(|l| l.2 *= factor);
+        by(&mut self.tip);
+        self.chain *= factor;
+    }
 }
 
 impl Shares {

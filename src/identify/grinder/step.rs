@@ -3,10 +3,12 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::effects::{self, Effects};
-use super::{Chain, Found, GrinderError, Measured, Motion, Request, Row, SetUp, Shares, write_into};
+use super::{
+    Chain, Consistency, Found, GrinderError, Measured, Motion, Request, Row, SetUp, Shares, Worst, write_into,
+};
 use crate::primitives::jacobi;
 use volcomp_model::geometry::Vec3;
-use volcomp_model::statistics::chi_square_upper;
+use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper};
 use volcomp_model::{ErrorSymbol, Model, ModelSpec, Pose};
 use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::deg_from_rad;
@@ -27,6 +29,8 @@ pub(super) struct Solved {
     pub(super) found: Found,
     pub(super) spec: ModelSpec,
     pub(super) covariance: DMatrix<f64>,
+    /// By what the uncertainties of each step before were enlarged.
+    pub(super) enlarged: Vec<f64>,
 }
 
 /// One scalar reading: its row and direction in W.
@@ -73,11 +77,10 @@ pub(super) fn solve(chain: &Chain, measured: &Measured, request: &Request) -> Re
     // what the steps before left uncertain, seen in the readings and in the solution
     let before = problem.before(chain)?;
     let sum = residuals.norm_squared();
-    let unexplained = {
-        let seen = &before * &chain.covariance;
-        let through = &q * (q.transpose() * &before);
-        (&before - through).component_mul(&seen).sum()
-    };
+    let visible = before.transpose() * (&before - &q * (q.transpose() * &before));
+    // covariance of the residuals that the steps before bring in: its trace, and that of its square
+    let inherited_part = &chain.covariance * &visible;
+    let unexplained = inherited_part.trace();
     let rigid = problem.rigidity();
     let estimated = match rigid {
         Some((squares, free)) => Some((squares / free as f64).sqrt()),
@@ -90,14 +93,35 @@ pub(super) fn solve(chain: &Chain, measured: &Measured, request: &Request) -> Re
     let p_value =
         request.sigma.zip(rigid).map(|(s, (squares, free))| chi_square_upper(squares / (s * s), free));
     let readings = problem.scalars.len() as f64;
+    let noise = Noise { sigma: request.sigma, rigid, estimated };
+    let consistency = noise.consistency(sum, dof, &inherited_part);
+    let enlarged = consistency.map_or(1.0, |c| c.enlarged);
+    let steps_before = chain.steps.len();
+    // tips that disagree within a pose accuse the readings, and no axis before
+    let own_fault = p_value.is_some_and(|p| p < SIGNIFICANT);
+    let moved = problem.moving(chain);
+    let enlarged_before: Vec<f64> =
+        (0..steps_before).map(|k| if moved[k] && !own_fault { enlarged } else { 1.0 }).collect();
+    let worst = problem.worst(&residuals);
     let expected = sigma.map(|s| ((s * s * dof as f64 + unexplained) / readings).sqrt());
     let own = &gain * gain.transpose() * sigma.unwrap_or(0.0).powi(2);
     let through = -(&gain * &before);
     let cross = &through * &chain.covariance;
     let inherited = &cross * through.transpose();
     for location in &mut locations {
-        location.2 *= sigma.unwrap_or(0.0);
+        location.2 *= sigma.unwrap_or(0.0) * enlarged;
     }
+    // every step by its own factor
+    let factors: Vec<f64> = chain
+        .steps
+        .iter()
+        .zip(&enlarged_before)
+        .flat_map(|(s, f)| vec![*f; s.motions.len() * (s.positions.len() - 1)])
+        .collect();
+    let factors = DVector::from_vec(factors);
+    let old = chain.covariance.component_mul(&(&factors * factors.transpose()));
+    let cross = DMatrix::from_fn(cross.nrows(), cross.ncols(), |i, j| cross[(i, j)] * enlarged * factors[j]);
+    let [own, inherited] = [own, inherited].map(|m| m * enlarged.powi(2));
     let mut found = Found {
         axis: measured.axis,
         positions: problem.positions.clone(),
@@ -111,17 +135,59 @@ pub(super) fn solve(chain: &Chain, measured: &Measured, request: &Request) -> Re
         expected_rms: expected,
         sigma,
         p_value,
+        consistency,
+        worst,
         tip: Shares::default(),
         chain: 0.0,
         condition,
     };
     found.motions = motions(&symbols, &found, &solution, &own, &inherited);
-    let covariance = joined(&chain.covariance, &cross, &(&own + &inherited));
+    let covariance = joined(&old, &cross, &(&own + &inherited));
     found.tip = tip_shares(&problem.spec, &found, &symbols, &own, &inherited)?;
     let mut spec = problem.spec.clone();
     write_into(&mut spec, &found, request.curves)?;
     found.chain = chain_share(&spec, chain, &found, measured, &covariance)?;
-    Ok(Solved { found, spec, covariance })
+    Ok(Solved { found, spec, covariance, enlarged: enlarged_before })
+}
+
+/// What is known of the noise of a reading.
+struct Noise {
+    /// Stated, mm.
+    sigma: Option<f64>,
+    /// Squares and degrees of freedom of the tips of a pose.
+    rigid: Option<(f64, usize)>,
+    /// From the readings, mm.
+    estimated: Option<f64>,
+}
+
+impl Noise {
+    /// Tests the squares `sum` of `dof` degrees of freedom. The squares expected come from noise and from the steps before,
+    /// whose part has few degrees of freedom of its own: the effective ones by Welch and Satterthwaite.
+    fn consistency(&self, sum: f64, dof: usize, inherited: &DMatrix<f64>) -> Option<Consistency> {
+        let below = match (self.sigma, self.rigid) {
+            (Some(_), _) => None,
+            (None, Some((_, free))) => Some(free),
+            // the noise was taken from these squares
+            (None, None) => return None,
+        };
+        let variance = self.sigma.or(self.estimated)?.powi(2);
+        let trace = inherited.trace();
+        let expected = variance * dof as f64 + trace;
+        let squares =
+            variance * variance * dof as f64 + 2.0 * variance * trace + (inherited * inherited).trace();
+        if dof == 0 || expected <= 0.0 || squares <= 0.0 {
+            return None;
+        }
+        let effective = (expected * expected / squares).floor().max(1.0);
+        let ratio = sum / expected;
+        let p_value = match below {
+            None => chi_square_upper(ratio * effective, effective as usize),
+            Some(free) => f_upper(ratio, effective as usize, free),
+        };
+        let factor = ratio.sqrt();
+        let enlarged = if p_value < SIGNIFICANT { factor.max(1.0) } else { 1.0 };
+        Some(Consistency { p_value, factor, enlarged })
+    }
 }
 
 fn check_axes(chain: &Chain, measured: &Measured, request: &Request) -> Result<(), GrinderError> {
@@ -378,6 +444,24 @@ impl<'a> Problem<'a> {
             start += count;
         }
         (free > 0).then_some((squares.max(0.0), free))
+    }
+
+    /// Which axes of the steps before moved in this one.
+    fn moving(&self, chain: &Chain) -> Vec<bool> {
+        let moves = |found: &Found| {
+            let Some(k) = self.spec.chain.index_of(found.axis) else { return false };
+            let mut at = self.measured.rows.iter().map(|r| r.position[k]);
+            let first = at.next().unwrap_or(0.0);
+            at.any(|q| (q - first).abs() > REST)
+        };
+        chain.steps.iter().map(moves).collect()
+    }
+
+    /// The reading with the largest residual.
+    fn worst(&self, residuals: &DVector<f64>) -> Worst {
+        let at = residuals.iamax();
+        let Scalar { row, direction } = self.scalars[at];
+        Worst { row, direction, residual: residuals[at] }
     }
 
     /// Effect of all motions found before on the readings.

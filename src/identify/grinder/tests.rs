@@ -175,6 +175,48 @@ fn four_steps_without_noise_give_the_machine_back() {
 }
 
 #[test]
+fn a_step_of_the_wrong_sign_is_found_and_its_uncertainties_are_enlarged() {
+    let request = Request { sigma: Some(3e-4), ..Request::default() };
+    let run = |sign: f64| {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let mut chain = Chain::new(drawing());
+        // the machine is corrected by the honest chain, the rows of A are read with a sign of their own
+        let mut honest = Chain::new(drawing());
+        for axis in [A, B, X] {
+            let planned = plan(&honest, axis, 9, 60.0).unwrap();
+            let rows = measure(honest.spec(), &planned, 3e-4, &mut random);
+            honest.identify(&Measured { axis, rows: rows.clone() }, &request).unwrap();
+            let sign = if axis == A { sign } else { 1.0 };
+            let read = |r: &Row| Row { deviation: r.deviation.map(|d| d.map(|v| sign * v)), ..*r };
+            let rows = rows.iter().map(read).collect();
+            chain.identify(&Measured { axis, rows }, &request).unwrap();
+        }
+        chain
+    };
+    let (right, wrong) = (run(1.0), run(-1.0));
+    let test = |chain: &Chain, step: usize| chain.steps()[step].consistency.unwrap();
+    assert!((0..3).all(|i| test(&right, i).enlarged == 1.0), "{:?}", right.steps()[1].consistency);
+    let failed = test(&wrong, 1);
+    assert!(failed.p_value < 1e-6 && failed.enlarged > 3.0, "{failed:?}");
+    let worst = wrong.steps()[1].worst;
+    assert!(worst.residual.abs() > 5.0 * 3e-4, "{worst:?}");
+    // the step and the axis before it, in the report, in the model and in the covariance
+    for step in [0, 1] {
+        let std = |chain: &Chain| {
+            let motion = &chain.steps()[step].motions[0];
+            let (_, function) = chain.spec().errors.iter().find(|(s, _)| *s == motion.symbol).unwrap();
+            (motion.std[0].total(), function.std.unwrap())
+        };
+        let ((before, of_model), (after, of_model_after)) = (std(&right), std(&wrong));
+        assert!(after > 2.5 * before && of_model_after > 2.5 * of_model, "{step}: {before} {after}");
+    }
+    let spread = |chain: &Chain| {
+        chain.covariance_at(&poses(chain)[3], Vec3::from(T0)).unwrap().unwrap().trace().sqrt()
+    };
+    assert!(spread(&wrong) > 2.5 * spread(&right));
+}
+
+#[test]
 fn intervals_of_the_whole_chain_hold_the_truth_at_their_rate() {
     const SEEDS: u64 = 2000;
     let at = {

@@ -12,6 +12,7 @@ use super::method::{Found, Front, Method};
 use crate::arg_parsers::{above_zero, point};
 use crate::files::read_model;
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
+use crate::numerals::small;
 use crate::positioning_data::TestColumns;
 use crate::units::{key, or_dash};
 use crate::{Failure, Result, table};
@@ -22,7 +23,7 @@ use volcomp_identify::diagonals::{
     DiagonalsError, MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
 };
 use volcomp_model::geometry::Vec3;
-use volcomp_model::statistics::student_95;
+use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper, student_95};
 use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
@@ -95,8 +96,38 @@ struct Outcome<'a> {
     missing: Vec<MissingAngle>,
     /// What was accepted as bias where angles are missing, arcsec.
     bound: Option<f64>,
-    /// RMS of the steps about model, squareness and a common scale; only where the model has positioning.
-    steps: Option<f64>,
+    /// The steps about model, squareness and a common scale; only where the model has positioning.
+    steps: Option<Steps>,
+}
+
+/// How the steps between the ends agree with the model; mm.
+struct Steps {
+    rms: f64,
+    /// Steps.
+    count: usize,
+    /// The step that lies farthest off: diagonal, target, residual.
+    worst: (usize, f64, f64),
+    /// The test against what noise and the uncertainty of the model let expect, where the noise is known.
+    test: Option<StepTest>,
+}
+
+/// The test of the steps.
+#[derive(Clone, Copy)]
+struct StepTest {
+    expected_rms: f64,
+    p_value: f64,
+}
+
+impl Steps {
+    /// True where the test has failed.
+    fn failed(&self) -> bool {
+        self.test.is_some_and(|t| t.p_value < SIGNIFICANT)
+    }
+
+    /// By what the uncertainties are enlarged.
+    fn enlarged(&self) -> f64 {
+        self.test.filter(|_| self.failed()).map_or(1.0, |t| (self.rms / t.expected_rms).max(1.0))
+    }
 }
 
 impl<'a> Outcome<'a> {
@@ -162,6 +193,9 @@ impl<'a> Outcome<'a> {
         };
         if Component::ALL.into_iter().zip([AxisName::X, AxisName::Y, AxisName::Z]).all(knows) {
             outcome.steps = steps_residual(&outcome, &model, directions).map_err(fail)?;
+        }
+        if let Some(steps) = &outcome.steps {
+            outcome.found.covariance *= steps.enlarged().powi(2);
         }
         Ok(outcome)
     }
@@ -234,18 +268,23 @@ fn names_of(missing: &[MissingAngle]) -> String {
     missing.iter().map(|m| m.symbol.to_string()).collect::<Vec<_>>().join(" ")
 }
 
-/// RMS of the intermediate steps about the model with the squareness found and a common scale.
+/// The intermediate steps about the model with the squareness found and a common scale.
+///
+/// The ends are fitted exactly, so that the residual at share `t` of the length has the variance `s^2 (1 + t^2 + (1 - t)^2) / 2`
+/// for displacements of standard deviation `s`, and alike from the uncertainties that the curves of the model state.
 fn steps_residual(
     o: &Outcome<'_>,
     model: &ModelSpec,
     directions: &[Travel],
-) -> Result<Option<f64>, DiagonalsError> {
+) -> Result<Option<Steps>, DiagonalsError> {
     let mut spec = model.clone();
     for (symbol, value) in SQUARENESS.into_iter().zip(o.found.value) {
         spec.errors.push((symbol, ErrorFunction::single(Curve::Constant(value))));
     }
     let length = o.setup.length();
     let (mut sum, mut n) = (0.0, 0usize);
+    let (mut from_noise, mut from_model) = (0.0, 0.0);
+    let mut worst = (0, 0.0, 0.0f64);
     for (index, steps) in o.ends.steps.iter().enumerate() {
         let inner: Vec<&(f64, f64)> =
             steps.iter().filter(|(t, _)| *t > 1e-3 * length && *t < (1.0 - 1e-3) * length).collect();
@@ -257,13 +296,40 @@ fn steps_residual(
                 *e += v / directions.len() as f64;
             }
         }
+        let variance_of_model = o.setup.step_variance_of_model(model, index)?;
         for ((step, share), e) in inner.iter().zip(shares).zip(expected) {
-            sum += (step.1 - e - o.found.common * share).powi(2);
+            let residual = step.1 - e - o.found.common * share;
+            if residual.abs() >= worst.2.abs() {
+                worst = (index, step.0, residual);
+            }
+            sum += residual.powi(2);
             n += 1;
+            let growth = 1.0 + share.powi(2) + (1.0 - share).powi(2);
+            from_noise += o.noise.map_or(0.0, |(std, _)| std[index].powi(2) / 2.0) * growth;
+            from_model += variance_of_model * growth;
         }
     }
-    Ok((n > 0).then(|| (sum / n as f64).sqrt()))
+    if n == 0 {
+        return Ok(None);
+    }
+    let expected = from_noise + from_model;
+    let test = o.noise.filter(|_| from_noise > 0.0).map(|(_, dof)| {
+        // what the model has wrong is wrong in many steps alike
+        let (noise, curves) = (from_noise / expected, from_model / expected);
+        let effective = 1.0 / (noise * noise / n as f64 + curves * curves / CURVES_DOF);
+        let effective = effective.floor().max(1.0) as usize;
+        let ratio = sum / expected;
+        let p_value = match dof {
+            None => chi_square_upper(ratio * effective as f64, effective),
+            Some(dof) => f_upper(ratio, effective, dof),
+        };
+        StepTest { expected_rms: (expected / n as f64).sqrt(), p_value }
+    });
+    Ok(Some(Steps { rms: (sum / n as f64).sqrt(), count: n, worst, test }))
 }
+
+/// Degrees of freedom that uncertain curves have among the steps: one for each axis.
+const CURVES_DOF: f64 = 3.0;
 
 /// The readings of the CSV that `volcomp evaluate iso230-6` reads; a diagonal written with opposite signs is the same
 /// line from its other end.
@@ -326,6 +392,7 @@ fn by_name<V: Serialize>(values: [V; 4]) -> Value {
 
 impl Found for Outcome<'_> {
     fn json(&self) -> Value {
+        let test = self.steps.as_ref().and_then(|s| s.test);
         let mut json = json!({
             "common_um": um_from_mm(self.found.common),
             "displacement_um": by_name(self.ends.displacement.map(um_from_mm)),
@@ -334,7 +401,16 @@ impl Found for Outcome<'_> {
             "dof": self.ends.dof,
             "open_runs": self.ends.open_runs,
             "closure_um": by_name(self.ends.closure.map(|v| v.map(um_from_mm))),
-            "steps_rms_um": self.steps.map(um_from_mm),
+            "steps_rms_um": self.steps.as_ref().map(|s| um_from_mm(s.rms)),
+            "steps_expected_rms_um": test.map(|t| um_from_mm(t.expected_rms)),
+            "steps_p_value": test.map(|t| t.p_value),
+            "steps_passed": test.map(|t| t.p_value >= SIGNIFICANT),
+            "enlarged": self.steps.as_ref().map_or(1.0, Steps::enlarged),
+            "worst_step": self.steps.as_ref().map(|s| json!({
+                "diagonal": NAMES[s.worst.0],
+                "target_mm": s.worst.1,
+                "residual_um": um_from_mm(s.worst.2),
+            })),
             "missing_angles": self.missing.iter().map(|m| key(m.symbol)).collect::<Vec<_>>(),
             "bias_bound_arcsec": self.bound,
         });
@@ -383,29 +459,48 @@ impl Found for Outcome<'_> {
                 ends.open_runs
             );
         }
-        let Some(rms) = self.steps else {
+        let Some(steps) = &self.steps else {
             say!("steps between the ends are not judged: the model has no positioning of all three axes");
             return;
         };
-        let verdict = match self.noise {
-            None => "",
-            Some((std, _)) if rms > 3.0 * std.iter().copied().fold(0.0, f64::max) * 2f64.sqrt() => {
-                note!(
-                    "warning: {}: the steps between the ends lie {:.2} um rms off the model, more than their noise explains: two \
-                     diagonals may be exchanged, a sign or the box be wrong",
-                    self.path.display(),
-                    um(rms)
-                );
-                ": more than the noise explains: positioning has changed since the model was measured, or the path is wrong"
-            }
-            Some(_) => ": within the noise",
+        let verdict = steps.test.map_or_else(
+            || ": noise unknown, not tested".to_owned(),
+            |t| {
+                let verdict = if steps.failed() { "FAILED" } else { "passed" };
+                format!("; expected {:.2} um, p {:.3}: {verdict}", um(t.expected_rms), t.p_value)
+            },
+        );
+        say!("steps between the ends differ from the model by {:.2} um rms{verdict}", um(steps.rms));
+    }
+
+    fn warn(&self) {
+        let Some((steps, test)) = self.steps.as_ref().filter(|s| s.failed()).and_then(|s| Some((s, s.test?)))
+        else {
+            return;
         };
-        say!("steps between the ends differ from the model by {:.2} um rms{verdict}", um(rms));
+        let (path, um, (diagonal, target, residual)) = (self.path.display(), um_from_mm, steps.worst);
+        note!(
+            "warning: {path}: {} steps between the ends lie {:.2} um rms off the model, {:.2} um expected (p {}), farthest {} at \
+             {target:.3} mm: {:+.2} um; two diagonals may be exchanged, a sign, --low-mm or --box-mm be wrong, or positioning have \
+             changed since the model was measured",
+            steps.count,
+            um(steps.rms),
+            um(test.expected_rms),
+            small(test.p_value),
+            NAMES[diagonal],
+            um(residual)
+        );
+        note!("note: the uncertainties given are enlarged by {:.1}", steps.enlarged());
     }
 
     fn write(&self) -> Result<String> {
         let (args, spec) = (self.args, &self.spec);
-        let mut model = args.out.base(|| spec.chain.to_string())?;
+        let mut model = match &args.model {
+            Some(_) if args.out.into.is_none() && args.out.chain.is_none() => {
+                args.out.base_with(spec.chain.clone())
+            }
+            _ => args.out.base(|| spec.chain.to_string())?,
+        };
         if args.out.into.is_none() {
             // levers of the subtraction belong to the result
             model.spec.workpiece_origin = spec.workpiece_origin;

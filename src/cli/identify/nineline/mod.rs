@@ -154,12 +154,17 @@ impl Method for Args {
         let sign = if base.spec.is_workpiece_side(axis) { -1.0 } else { 1.0 };
         let mean = lines_of_file.iter().map(|l| l.1).sum::<Vec3>() / lines_of_file.len() as f64;
         let reference = self.reference_mm.unwrap_or(mean);
-        let (rows, solved) = solve_stops(&stops.all, &reference, sign, data)?;
+        let (mut rows, solved) = solve_stops(&stops.all, &reference, sign, data)?;
+        let mut misfit = Misfit::of(&solved, lines_of_file.len());
+        misfit.worst = worst(&stops.all, &solved, &lines_of_file);
+        for row in &mut rows {
+            row.covariance *= misfit.enlarged().powi(2);
+        }
         let files = [core::slice::from_ref(lines), data].concat();
         let origin = Origin { axis, reference, method: "nineline", files };
         let gauged = self.curves.gauge(rows, &origin)?;
-        let compared = self.compare.as_ref().map(|path| Comparison::with(path, axis, &gauged)).transpose()?;
-        let misfit = Misfit::of(&solved, lines_of_file.len(), compared);
+        misfit.compared =
+            self.compare.as_ref().map(|path| Comparison::with(path, axis, &gauged)).transpose()?;
         Ok(self.curves.motions(gauged, origin, base, misfit))
     }
 }
@@ -232,22 +237,55 @@ struct Misfit {
     condition: f64,
     chi2: f64,
     dof: usize,
+    /// The reading that fits least: where it is, and its residual in standard deviations.
+    worst: Option<(String, f64)>,
     compared: Option<Comparison>,
 }
 
+/// The reading with the largest residual in units of its noise.
+fn worst(
+    stops: &[(Reading, Vec<LineReading>)],
+    solved: &[NineLine],
+    lines: &[(String, Vec3)],
+) -> Option<(String, f64)> {
+    let all = stops.iter().zip(solved).flat_map(|((at, readings), found)| {
+        readings.iter().zip(&found.residuals).map(move |(reading, residual)| (at, reading, *residual))
+    });
+    let (at, reading, residual) = all.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
+    let (line, _) = lines.iter().find(|(_, target)| *target == reading.target)?;
+    let direction = ["dx", "dy", "dz"].get(reading.direction)?;
+    let place = format!("{line}_{direction}_um at {} mm, cycle {}", at.position, at.cycle);
+    Some((place, residual))
+}
+
 impl Misfit {
-    fn of(solved: &[NineLine], lines: usize, compared: Option<Comparison>) -> Self {
+    fn of(solved: &[NineLine], lines: usize) -> Self {
         Self {
             lines,
             condition: solved.iter().fold(0.0, |m, s| s.condition_scaled.max(m)),
             chi2: solved.iter().fold(0.0, |sum, s| sum + s.chi2),
             dof: solved.iter().map(|s| s.dof).sum(),
-            compared,
+            worst: None,
+            compared: None,
         }
     }
 
     fn p_value(&self) -> Option<f64> {
         (self.dof > 0).then(|| chi_square_upper(self.chi2, self.dof))
+    }
+
+    fn failed(&self) -> bool {
+        self.p_value().is_some_and(|p| p < SIGNIFICANT)
+    }
+
+    /// True noise over stated noise.
+    fn noise_factor(&self) -> Option<f64> {
+        (self.dof > 0).then(|| (self.chi2 / self.dof as f64).sqrt())
+    }
+
+    /// By what the uncertainties are enlarged.
+    fn enlarged(&self) -> f64 {
+        self.noise_factor().filter(|_| self.failed()).unwrap_or(1.0)
     }
 }
 
@@ -259,6 +297,9 @@ impl Report for Misfit {
             "chi2": self.chi2,
             "dof": self.dof,
             "p_value": self.p_value(),
+            "noise_factor": self.noise_factor(),
+            "enlarged": self.enlarged(),
+            "worst": self.worst.as_ref().map(|(place, residual)| json!({"reading": place, "residual_over_noise": residual})),
             "compared": self.compared,
         })
     }
@@ -286,10 +327,14 @@ impl Report for Misfit {
 
     fn warn(&self, _: usize) {
         let Self { chi2, dof, .. } = self;
-        if self.p_value().is_some_and(|p| p < SIGNIFICANT) {
+        if self.failed() {
+            let worst = self.worst.as_ref().map_or_else(String::new, |(place, residual)| {
+                format!("; the largest residual is {place}: {residual:+.1} times its noise")
+            });
             note!(
-                "warning: the readings contradict each other by more than their noise (chi2 {chi2:.1}, {dof} degrees of freedom); is a line misplaced, or --noise-um too small?"
+                "warning: the readings contradict each other by more than their noise (chi2 {chi2:.1}, {dof} degrees of freedom){worst}; is a line misplaced, or --noise-um too small?"
             );
+            note!("note: the uncertainties given are enlarged by {:.1}", self.enlarged());
         }
     }
 }
