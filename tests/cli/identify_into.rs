@@ -74,13 +74,8 @@ fn circularity_um(radial: &[f64]) -> f64 {
     left.iter().copied().fold(f64::MIN, f64::max) - left.iter().copied().fold(f64::MAX, f64::min)
 }
 
-#[test]
-fn a_ballbar_finds_no_angular_error_that_the_model_holds_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let d = folder.path();
-    std::fs::write(d.join("model.toml"), MODEL).unwrap();
-    let truth = radial_um(d, "model.toml");
-    assert!(circularity_um(&truth) > 2.0, "{}", circularity_um(&truth));
+/// Circles of both directions and two feeds on the machine of a model.
+fn write_circles(folder: &Path, truth: &[f64]) {
     let mut table = "angle_deg,deviation_um,direction,feed_mm_per_min\n".to_owned();
     for (feed, direction) in [(1000, 1), (1000, -1), (3000, 1), (3000, -1)] {
         for k in 0..360 {
@@ -90,12 +85,58 @@ fn a_ballbar_finds_no_angular_error_that_the_model_holds_again() {
             writeln!(table, "{angle},{deviation},{direction},{feed}").unwrap();
         }
     }
-    std::fs::write(d.join("circle.csv"), table).unwrap();
-    let args =
-        ["identify", "ballbar", "--data", "xy=circle.csv", "--radius-mm", "150", "--centre-mm=400,150,-300"];
-    ok(d, &[&args[..], &["--into", "model.toml", "--out", "more.toml"]].concat());
-    let left: Vec<f64> = truth.iter().zip(radial_um(d, "more.toml")).map(|(a, b)| a - b).collect();
-    assert!(circularity_um(&left) < 0.1, "{} um", circularity_um(&left));
+    std::fs::write(folder.join("circle.csv"), table).unwrap();
+}
+
+const BALLBAR: [&str; 6] =
+    ["identify", "ballbar", "--data=xy=circle.csv", "--radius-mm=150", "--centre-mm=400,150,-300", "--json"];
+
+/// What correction by a model leaves of the circle, um.
+fn residual_um(folder: &Path, truth: &[f64], model: &str) -> f64 {
+    let left: Vec<f64> = truth.iter().zip(radial_um(folder, model)).map(|(a, b)| a - b).collect();
+    circularity_um(&left)
+}
+
+#[test]
+fn a_ballbar_adds_nothing_to_an_exact_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    std::fs::write(d.join("model.toml"), MODEL).unwrap();
+    let truth = radial_um(d, "model.toml");
+    assert!(circularity_um(&truth) > 4.0, "{}", circularity_um(&truth));
+    write_circles(d, &truth);
+    let output = volcomp(d, &[&BALLBAR[..], &["--into", "model.toml", "--out", "more.toml"]].concat());
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("the prediction of model.toml at the circles was subtracted"), "{said}");
+    let residual = residual_um(d, &truth, "more.toml");
+    assert!(residual < 0.1, "{residual} um");
+}
+
+#[test]
+fn a_ballbar_adds_what_the_model_lacks_to_its_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    // the bow of Y along X is a curve of the model already, the squareness is 12 arcsec and not 5
+    let bow = "[errors.eyx.table]\nposition-mm = [0, 400, 800]\nvalue-um = [0, 9, 0]\nsource = \"bow.csv\"\n";
+    std::fs::write(d.join("model.toml"), [MODEL, bow].concat()).unwrap();
+    std::fs::write(d.join("truth.toml"), [&MODEL.replace("5.0", "12.0"), bow].concat()).unwrap();
+    let truth = radial_um(d, "truth.toml");
+    write_circles(d, &truth);
+    let before = residual_um(d, &truth, "model.toml");
+    assert!(before > 4.0, "{before} um");
+    ok(d, &[&BALLBAR[..], &["--into", "model.toml"]].concat());
+    let after = residual_um(d, &truth, "model.toml");
+    assert!(after < 0.1, "{after} um");
+    let text = std::fs::read_to_string(d.join("model.toml")).unwrap();
+    let squareness: f64 = {
+        let (_, rest) = text.split_once("[errors.ec0y.constant]").unwrap();
+        rest.split_once("value-arcsec = ").unwrap().1.lines().next().unwrap().parse().unwrap()
+    };
+    assert!((squareness - 12.0).abs() < 0.05, "{text}");
+    assert!(text.contains("bow.csv"), "{text}");
+    // the same circles once more find nothing
+    ok(d, &[&BALLBAR[..], &["--into", "model.toml", "--out", "again.toml"]].concat());
+    assert!(residual_um(d, &truth, "again.toml") < 0.1);
 }
 
 #[test]

@@ -13,6 +13,7 @@ mod identify_into;
 mod import_export;
 mod input_limits;
 mod machine_messages;
+mod measurement_checks;
 mod model_extend;
 mod model_show;
 mod outputs;

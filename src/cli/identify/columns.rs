@@ -146,6 +146,11 @@ impl Columns {
         })
     }
 
+    /// 1-based line of the current row.
+    pub(crate) const fn line(&self) -> u64 {
+        self.table.line()
+    }
+
     /// A message about a field of the current row.
     pub(crate) fn fail(&self, column: Column, what: impl core::fmt::Display) -> Failure {
         self.table.fail(column.index, what)

@@ -33,7 +33,7 @@ mod runs;
 mod solve;
 
 pub use model::{Assembled, assemble};
-pub use runs::{cut_overshoot, travelled};
+pub use runs::{cut_overshoot, run_starts, travelled};
 pub use solve::analyse;
 
 use volcomp_units::axes::{AxisName, Travel};

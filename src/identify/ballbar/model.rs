@@ -1,7 +1,7 @@
 //! What of the effects a static model can hold: squareness, scale, straightness, cyclic error, lost motion.
 //!
 //! Values are those on the circles: where other axes carry angular errors, these are in them at the place of the
-//! circle. Scale needs the instrument's true length; without it the mean scale of a plane's two axes is taken for zero.
+//! circle, unless the prediction of a model that holds them was subtracted from the readings before. Scale needs the instrument's true length; without it the mean scale of a plane's two axes is taken for zero.
 
 use core::f64::consts::TAU;
 

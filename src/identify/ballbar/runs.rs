@@ -35,6 +35,17 @@ fn path(run: &[Sample]) -> Vec<f64> {
     out
 }
 
+/// Index of the first reading of each run.
+#[must_use]
+pub fn run_starts(samples: &[Sample]) -> Vec<usize> {
+    let next = |start: &mut usize, run: &[Sample]| {
+        let first = *start;
+        *start += run.len();
+        Some(first)
+    };
+    runs(samples).scan(0, next).collect()
+}
+
 /// Angle that each run travelled, rad.
 #[must_use]
 pub fn travelled(samples: &[Sample]) -> Vec<f64> {

@@ -11,18 +11,19 @@ use crate::files::read_model_file;
 use crate::identify::columns;
 use crate::identify::method::{Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
-use crate::{Failure, Result};
-use volcomp_config::{ModelFile, Provenance};
+use crate::{EX_DATAERR, Failure, Result};
+use volcomp_config::{ModelFile, Provenance, SourceEntry};
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::circular::CircularReading;
 use volcomp_identify::assemble::mirrored_curve;
 use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
+    run_starts, travelled,
 };
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{ErrorFunction, ErrorSymbol, Model, SENSORS_MAX, Sense};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{mm_from_um, rad_from_deg};
+use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, SENSORS_MAX, Sense};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::{deg_from_rad, mm_from_um, rad_from_deg};
 
 /// Causes of the deviations on ballbar circles, all at once and ranked by what they add to the bidirectional circular error G(b).
 ///
@@ -36,7 +37,8 @@ use volcomp_units::{mm_from_um, rad_from_deg};
 /// Overshoot may be in the file: what is more than one turn is cut, half at either end; for arcs give --overshoot-deg.
 ///
 /// Run both directions (else squareness and servo mismatch are one) and two feeds. With --out or --into squareness,
-/// scale, straightness, backlash and cyclic errors go to a model file where they are significant.
+/// scale, straightness, backlash and cyclic errors go to a model file where they are significant. With --into, what the
+/// model predicts at the circles is subtracted first, and what is found is added to its errors.
 ///
 /// Example: volcomp identify ballbar --data xy=xy.csv --data zx=zx.csv --radius-mm 150 --centre-mm=425,250,-250
 #[derive(Debug, clap::Args)]
@@ -114,40 +116,53 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// Reads and analyses the circles of a plane.
-    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path, levers: Option<&Levers>) -> Result<Self> {
+    /// Reads and analyses the circles of a plane, less what a known model predicts there.
+    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path, known: Option<&Known>) -> Result<Self> {
         let mut circles = read(setup, plane, path)?;
-        if let Some(levers) = levers {
-            levers.take_off(&mut circles, setup.centre_mm).map_err(|e| Failure::data(path, e))?;
+        if let Some(known) = known {
+            known.subtract(&mut circles, setup.centre_mm).map_err(|e| Failure::data(path, e))?;
         }
         let analysis = analyse(&circles, &request(setup, plane)).map_err(|e| Failure::data(path, e))?;
         Ok(Self { path: path.to_owned(), circles, analysis })
     }
 }
 
-/// The angular error motions of the model that the result goes into. They stay in it, so that what they do at the place of the
-/// circles is no part of what is found there.
-pub(crate) struct Levers(Model);
+/// The model that the result goes into. Its errors stay in it, so that what it predicts at the circles is no part of what
+/// is found there.
+pub(crate) struct Known {
+    model: Model,
+    /// Some of its terms follow sensors or motion, of which the circles say nothing.
+    has_live: bool,
+}
 
-impl Levers {
-    fn of(path: &Path) -> Result<Option<Self>> {
-        let mut spec = read_model_file(path)?.spec;
-        spec.errors.retain(|(symbol, _)| symbol.is_angle() && !symbol.is_constant());
+impl Known {
+    /// The model of a file; `None` where it holds no errors.
+    fn read(path: &Path) -> Result<Option<Self>> {
+        let spec = read_model_file(path)?.spec;
         if spec.errors.is_empty() {
             return Ok(None);
         }
-        Model::new(&spec).map(|model| Some(Self(model))).map_err(|e| Failure::data(path, e))
+        let has_live = spec.errors.iter().any(|(_, f)| !f.live.is_empty() || !f.dynamics.is_empty());
+        let model = Model::new(&spec).map_err(|e| Failure::data(path, e))?;
+        Ok(Some(Self { model, has_live }))
     }
 
-    fn take_off(&self, circles: &mut Circles, centre_mm: Vec3) -> Result<(), String> {
+    /// Subtracts the predicted radial deviation from every reading.
+    fn subtract(&self, circles: &mut Circles, centre_mm: Vec3) -> Result<(), String> {
         let readings: Vec<CircularReading> = circles
             .samples
             .iter()
             .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
             .collect();
         let circle = (centre_mm, circles.radius);
-        let predicted = predict(&self.0, &[0.0; SENSORS_MAX], &readings, circle, circles.plane.axes(), false)
-            .ok_or_else(|| format!("the chain of the model has no axes for the plane {}", circles.plane))?;
+        let axes = circles.plane.axes();
+        let predicted = predict(&self.model, &[0.0; SENSORS_MAX], &readings, circle, axes, false)
+            .ok_or_else(|| {
+                format!(
+                    "the chain of the model of --into has no axes {} and {}, which plane {} needs",
+                    axes[0], axes[1], circles.plane
+                )
+            })?;
         circles.samples.iter_mut().zip(predicted).for_each(|(s, mm)| s.deviation -= mm);
         Ok(())
     }
@@ -166,10 +181,10 @@ impl Method for Args {
                 return Err(Failure::usage(what));
             }
         }
-        let levers = self.out.into.as_deref().map(Levers::of).transpose()?.flatten();
-        let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path, levers.as_ref());
+        let known = self.out.into.as_deref().map(Known::read).transpose()?.flatten();
+        let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path, known.as_ref());
         let plans = data.iter().map(read).collect::<Result<_, _>>()?;
-        Ok(Some(Box::new(Outcome { args: self, plans })))
+        Ok(Some(Box::new(Outcome { args: self, plans, known })))
     }
 }
 
@@ -177,16 +192,37 @@ impl Method for Args {
 struct Outcome<'a> {
     args: &'a Args,
     plans: Vec<Plan>,
+    /// The model whose prediction was subtracted from the readings.
+    known: Option<Known>,
 }
 
 impl Found for Outcome<'_> {
     fn json(&self) -> Value {
         let planes = self.plans.iter().map(|p| report::as_json(p, self.args.length_std_um));
-        json!({ "planes": planes.collect::<Vec<_>>() })
+        let mut json = json!({ "planes": planes.collect::<Vec<_>>() });
+        if self.known.is_some() {
+            json["prediction_subtracted"] = json!(self.args.out.into);
+        }
+        json
     }
 
     fn print(&self) {
         self.plans.iter().for_each(report::print);
+    }
+
+    fn warn(&self) {
+        let (Some(known), Some(path)) = (&self.known, &self.args.out.into) else { return };
+        note!(
+            "note: the prediction of {} at the circles was subtracted from the readings; the values are what the circles show \
+             beyond it, and they are added to the model",
+            path.display()
+        );
+        if known.has_live {
+            note!(
+                "note: {}: its terms of sensors and of motion were taken as zero; measure the circles at the reference temperature",
+                path.display()
+            );
+        }
     }
 
     /// Squareness and curves that a static model can hold.
@@ -209,13 +245,7 @@ impl Found for Outcome<'_> {
                     one.symbol
                 );
             }
-            store(&mut model, one, sources.provenance());
-        }
-        if args.out.into.is_some() && model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant())
-        {
-            note!(
-                "note: the model holds angular errors; what they do at the place of the circles was taken off the readings"
-            );
+            add(&mut model, one, sources.provenance());
         }
         args.out.write(&model, &sources.comments(), &files)?;
         Ok(String::new())
@@ -235,37 +265,99 @@ fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
     table.only(|_| format!("columns are {}", table.known().join(", ")))?;
-    let samples = table.rows(|row| {
-        let feed = feed.map(|c| row.value(c)).transpose()?.or(args.feed_mm_per_min);
-        Ok(Sample {
-            angle: row.value(angle)?,
-            deviation: row.value(deviation)?,
-            travel: row.travel(Some(direction))?,
-            feed: feed.map(|f| f / 60.0),
-            run: row.count(run)?,
-        })
-    })?;
+    let (lines, samples): (Vec<u64>, Vec<Sample>) = table
+        .rows(|row| {
+            let feed = feed.map(|c| row.value(c)).transpose()?.or(args.feed_mm_per_min);
+            let sample = Sample {
+                angle: row.value(angle)?,
+                deviation: row.value(deviation)?,
+                travel: row.travel(Some(direction))?,
+                feed: feed.map(|f| f / 60.0),
+                run: row.count(run)?,
+            };
+            Ok((row.line(), sample))
+        })?
+        .into_iter()
+        .unzip();
+    with_direction(path, &lines, &samples)?;
     let samples = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
     let centre = plane.axes().map(|a| args.centre_mm[a.direction()]);
     Ok(Circles { plane, radius: args.radius_mm, centre, samples })
 }
 
-/// Puts an error into the model, in the sense of its axis.
-fn store(model: &mut ModelFile, found: &Assembled, from: Provenance) {
+/// Angle that a run may go against its direction, rad: more is no noise of the angles.
+const AGAINST: f64 = core::f64::consts::FRAC_PI_2;
+
+/// Refuses runs whose angle goes against the direction stated.
+fn with_direction(path: &Path, lines: &[u64], samples: &[Sample]) -> Result<()> {
+    for (first, angle) in run_starts(samples).into_iter().zip(travelled(samples)) {
+        if angle < -AGAINST {
+            let (direction, way) = match samples[first].travel {
+                Travel::Forward => (1, "decreases"),
+                Travel::Reverse => (-1, "increases"),
+            };
+            return Err(failure!(
+                EX_DATAERR,
+                "{}:{}: angle_deg {way} by {:.0} deg over the run that begins here, against its direction {direction} (limit {:.0} deg); \
+                 exchange 1 and -1 in column direction, or put the rows in the order they were taken",
+                path.display(),
+                lines[first],
+                deg_from_rad(-angle),
+                deg_from_rad(AGAINST)
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Adds an error to that of the model, in the sense of its axis.
+fn add(model: &mut ModelFile, found: &Assembled, from: Provenance) {
     let axis = found.symbol.axis();
     let carriage = model.spec.axis(axis).sense == Sense::Carriage && model.spec.is_workpiece_side(axis);
     let mirrors = carriage && matches!(found.symbol, ErrorSymbol::Motion { .. });
     let curve = if mirrors { mirrored_curve(&found.curve) } else { found.curve.clone() };
-    put(model, found.symbol, ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) }, from);
+    let old = model.spec.errors.iter().find(|(s, _)| *s == found.symbol).map(|(_, f)| f.clone());
+    let function = match old {
+        None => ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) },
+        Some(old) => sum(old, curve, found.std),
+    };
+    let old = model.of_errors.iter().find(|(s, _)| *s == found.symbol).map(|(_, p)| p.clone());
+    put(model, found.symbol, function, old.map_or_else(|| from.clone(), |old| joined(&old, &from)));
     axis_entry(&mut model.spec, axis);
+}
+
+/// An error of a model with what was found beyond it.
+fn sum(mut old: ErrorFunction, more: Curve, std: f64) -> ErrorFunction {
+    if let ([Curve::Constant(value)], Curve::Constant(more)) = (&mut old.curves[..], &more) {
+        // measured anew as a whole
+        *value += more;
+        return ErrorFunction { std: Some(std), ..old };
+    }
+    old.curves.push(more);
+    ErrorFunction { std: Some(old.std.unwrap_or(0.0).hypot(std)), ..old }
+}
+
+/// The sources of both.
+fn joined(old: &Provenance, new: &Provenance) -> Provenance {
+    let entries = |p: &Provenance| {
+        if !p.sources.is_empty() || (p.source.is_none() && p.source_hash.is_none()) {
+            return p.sources.clone();
+        }
+        vec![SourceEntry {
+            source: p.source.clone(),
+            source_hash: p.source_hash.clone(),
+            instrument: p.instrument.clone(),
+            date: p.date.clone(),
+        }]
+    };
+    let sources = [entries(old), entries(new)].concat();
+    Provenance { source: None, source_hash: None, sources, ..old.clone() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_model::Curve;
     use volcomp_model::curve::{Interpolation, Table};
-    use volcomp_units::axes::Travel;
 
     #[test]
     fn arguments_are_read() {
