@@ -447,7 +447,7 @@ fn the_point_of_a_rotary_axis_is_asked_for() {
     let output = succeed(folder.path(), &args);
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(
-        said.contains("the point of axis C is not known, [axes.c] point-mm = [0, 0, 0] stands in m.toml"),
+        said.contains("m.toml: [axes.c] point-mm = [0, 0, 0] is an assumption: set it to a point on axis C"),
         "{said}"
     );
 }

@@ -150,7 +150,7 @@ fn diagonals(bump_um: f64) -> String {
         for cycle in 1..=3 {
             for (direction, order) in [(1, [0, 1, 2, 3, 4]), (-1, [4, 3, 2, 1, 0])] {
                 for i in order {
-                    let noise = 0.2 * f64::from((i * 7 + cycle * 5) % 5 - 2);
+                    let noise = 0.2 * f64::from((i * 7 + cycle * 3) % 5 - 2);
                     let value = noise + if i == 2 { bump_um } else { 0.0 };
                     let target = length * f64::from(i) / 4.0;
                     writeln!(text, "{name},{cycle},{direction},{target},{value}").unwrap();
@@ -197,7 +197,10 @@ fn diagonals_that_contradict_the_model_enlarge_the_uncertainty() {
     assert!(!said.contains("warning"), "{said}");
     assert_eq!((&good["steps_passed"], &good["enlarged"]), (&Value::Bool(true), &serde_json::json!(1.0)));
     let (bad, said) = run(12.0);
-    assert!(said.contains("d.csv: 12 steps between the ends lie") && said.contains("+12"), "{said}");
+    assert!(
+        said.contains("d.csv: 12 steps between the ends lie") && said.contains("346.410 mm: +11."),
+        "{said}"
+    );
     assert_eq!(bad["steps_passed"], false);
     let std = |v: &Value| v["ec0y_std_arcsec"].as_f64().unwrap();
     let factor = bad["enlarged"].as_f64().unwrap();
@@ -403,7 +406,7 @@ fn points_that_do_not_follow_the_axis_and_a_single_outlier_are_named() {
     assert!(!said.contains("warning"), "{said}");
     write(d, "x.csv", &points(1.0, 0.1));
     let (out, said) = ok(d, &args);
-    assert!(said.contains("(1 of 10 rows fail, worst row 7 at 480 mm, cycle 1, chi2"), "{said}");
+    assert!(said.contains("(1 of 10 rows fail, worst row 7 at 480 mm, chi2"), "{said}");
     let report: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(report["rigidity"]["worst_row"], 7);
 }

@@ -250,8 +250,14 @@ impl Outcome<'_> {
         } else if before.is_empty() {
             "is a reading wrong, or --noise-um too small?".to_owned()
         } else {
+            let basis = if self.args.basis == Curves::Fitted {
+                ", or the fitted curve of one leaves out part of its motion (--basis table)"
+            } else {
+                ""
+            };
             format!(
-                "the step contradicts those before it ({}): a sign or a correction of one of them is wrong, or an axis does not repeat",
+                "the step contradicts those before it ({}): a sign or a correction of one of them is wrong, or an axis does not \
+                 repeat{basis}",
                 before.join(" ")
             )
         };

@@ -47,11 +47,11 @@ impl Threepoint {
         let failing = poses.filter(|(_, (p, _))| p.p_value < SIGNIFICANT);
         let worst = failing.max_by(|a, b| a.1.0.chi2.total_cmp(&b.1.0.chi2));
         worst.map_or_else(String::new, |(i, (pose, row))| {
+            let cycle = if row.cycle > 0 { format!(", cycle {}", row.cycle) } else { String::new() };
             format!(
-                ", worst row {} at {} mm, cycle {}, chi2 {:.0} of {} degrees of freedom",
+                ", worst row {} at {} mm{cycle}, chi2 {:.0} of {} degrees of freedom",
                 i + 1,
                 row.position,
-                row.cycle,
                 pose.chi2,
                 pose.dof
             )
