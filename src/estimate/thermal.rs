@@ -3,8 +3,8 @@
 //! `y = offset + SUM_i SUM_l c_il (s_il - ref_i^p)`, `s_il` = input `i` (to the power `p`) behind a first-order lag
 //! of time constant `tau_l`. A body warms through as `1 - exp(-t / tau)`; several lags of one input stand for a body
 //! that warms in several steps. Assumes that the past before the first reading was at rest (a lag starts where its
-//! input does). Outside the range of inputs that the fit has seen, the thermal displacement fades to zero instead of
-//! being extrapolated.
+//! input does). Nothing is extrapolated: an input outside of the range that the fit has seen counts as the end of the range,
+//! and far outside of it the thermal displacement fades to zero.
 //!
 //! Time is an argument (seconds that passed); nothing is allocated after construction.
 
@@ -48,7 +48,7 @@ pub struct Thermal {
     pub expansion: bool,
     /// Growth where all inputs have been at their references for long, mm.
     pub offset: f64,
-    /// It fades to zero over this share of an input's range beyond either end.
+    /// Beyond either end of an input's range the end counts over this share of the range; over as much again it fades to zero.
     pub fade_share: f64,
     /// Standard uncertainty of a forecast (k = 1), mm, where known.
     pub std: Option<f64>,
@@ -101,7 +101,8 @@ pub enum ThermalError {
     },
 }
 
-/// Shortest range over which a thermal displacement fades: a sensor that stood still in the fit may move by that much, degC or 1/min.
+/// Shortest distance over which the end of a range counts, and shortest over which a thermal displacement fades: a sensor that
+/// stood still in the fit may move by that much, degC or 1/min.
 const FADE_MIN: [f64; 2] = [1.0, 50.0];
 /// Speeds count in thousands per minute.
 const SPEED_UNIT: f64 = 1000.0;
@@ -121,13 +122,27 @@ impl ThermalInput {
         }
     }
 
-    /// 1 within the range that the fit has seen, 0 far outside, smooth between.
+    /// What counts of a reading: a speed by its size.
+    fn size(&self, value: f64) -> f64 {
+        if self.quantity == Quantity::Speed { value.abs() } else { value }
+    }
+
+    /// The reading as it enters the lags: never beyond the range.
+    fn held(&self, value: f64) -> f64 {
+        self.shaped(self.size(value).max(self.range[0]).min(self.range[1]))
+    }
+
+    /// How far a reading lies outside of the range that the fit has seen, degC or 1/min.
+    fn beyond(&self, value: f64) -> f64 {
+        let value = self.size(value);
+        (self.range[0] - value).max(value - self.range[1]).max(0.0)
+    }
+
+    /// 1 within the range that the fit has seen and near it, 0 far outside, smooth between.
     fn share(&self, value: f64, fade_share: f64) -> f64 {
-        let [low, high] = self.range;
-        let value = if self.quantity == Quantity::Speed { value.abs() } else { value };
-        let beyond = (low - value).max(value - high).max(0.0);
         let least = FADE_MIN[usize::from(self.quantity == Quantity::Speed)];
-        let at = 1.0 - (beyond / (fade_share * (high - low)).max(least)).min(1.0);
+        let near = (fade_share * (self.range[1] - self.range[0])).max(least);
+        let at = 2.0 - (self.beyond(value) / near).clamp(1.0, 2.0);
         at * at * (3.0 - 2.0 * at)
     }
 
@@ -263,7 +278,7 @@ impl ThermalState {
                 lagged.by_ref().take(input.lags_s.len()).for_each(drop);
                 continue;
             };
-            let shaped = input.shaped(value);
+            let shaped = input.held(value);
             for (lag_s, state) in input.lags_s.iter().zip(lagged.by_ref()) {
                 let keep = if begun && *lag_s > 0.0 { (-dt_s / lag_s).exp() } else { 0.0 };
                 *state = shaped + (*state - shaped) * keep;
@@ -288,20 +303,25 @@ impl ThermalState {
         let mut lagged = self.lagged.iter();
         let mut sum = thermal.offset;
         let mut share = 1.0;
-        let mut outside = None;
+        let mut outside: Option<(usize, f64)> = None;
         for (k, (input, last)) in thermal.inputs.iter().zip(&self.last).enumerate() {
             let reference = input.shaped(input.reference);
             for (coefficient, state) in input.coefficients.iter().zip(lagged.by_ref()) {
                 sum += coefficient * (state - reference);
             }
-            let own = last.map_or(0.0, |value| input.share(value, thermal.fade_share));
+            let Some(value) = *last else {
+                share = 0.0;
+                continue;
+            };
             // sensors of one machine leave their ranges together: the furthest counts, not all of them
-            if own < share {
-                (share, outside) = (own, Some(k));
+            share = input.share(value, thermal.fade_share).min(share);
+            let beyond = input.beyond(value) / (input.range[1] - input.range[0]).max(f64::MIN_POSITIVE);
+            if beyond > outside.map_or(0.0, |(_, most)| most) {
+                outside = Some((k, beyond));
             }
         }
         let value = if sum.is_finite() { share * sum } else { 0.0 };
-        ThermalDisplacement { value, share, outside }
+        ThermalDisplacement { value, share, outside: outside.map(|(k, _)| k) }
     }
 }
 
@@ -361,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn outside_of_what_was_seen_it_fades_and_names_the_input() {
+    fn outside_of_what_was_seen_the_end_counts_then_it_fades_and_the_input_is_named() {
         let thermal = spindle();
         let at = |celsius: f64| {
             let mut state = ThermalState::new(&thermal);
@@ -369,10 +389,14 @@ mod tests {
             state.growth(&thermal)
         };
         assert_eq!(at(40.0).outside, None);
-        let half = at(42.5);
+        for near in [40.1, 45.0] {
+            assert_eq!(at(near), ThermalDisplacement { outside: Some(0), ..at(40.0) }, "{near}");
+        }
+        assert_eq!(at(18.0).value, at(20.0).value);
+        let half = at(47.5);
         assert!((half.share - 0.5).abs() < 1e-12 && half.outside == Some(0));
-        assert_eq!(at(46.0).value, 0.0);
-        assert_eq!(at(14.0).value, 0.0);
+        assert_eq!(at(51.0).value, 0.0);
+        assert_eq!(at(9.0).value, 0.0);
         let steps: Vec<f64> = (0..700).map(|k| at(f64::from(k) * 0.1).value).collect();
         assert!(steps.windows(2).all(|p| (p[1] - p[0]).abs() < 0.003), "no step anywhere");
     }

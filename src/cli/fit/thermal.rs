@@ -218,7 +218,7 @@ fn figures(found: &ThermalFit) -> Vec<[String; 2]> {
             lines.push(["    plain regression on the temperatures: RMS".to_owned(), um(plain)]);
         }
         lines.push([
-            "    rows outside of what the fit had seen (fading)".to_owned(),
+            "    rows outside of what the fit had seen (held)".to_owned(),
             format!("{:.1} %", 100.0 * f.outside_share),
         ]);
     }

@@ -563,7 +563,7 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Warning,
         text: "a thermal displacement is asked for more than its fit has seen",
         cause: "a temperature or speed is outside of the range in [thermal.NAME]",
-        reaction: "the thermal displacement fades to zero over fade-percent of that range; the rest continues",
+        reaction: "the end of the range counts; beyond fade-percent of it the thermal displacement fades to zero; the rest continues",
         remedy: "record such a state of the machine and fit again with volcomp fit thermal",
     },
     Entry {

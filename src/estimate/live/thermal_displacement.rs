@@ -319,18 +319,21 @@ mod tests {
     }
 
     #[test]
-    fn outside_of_what_the_fit_has_seen_it_fades_and_says_which_input() {
+    fn outside_of_what_the_fit_has_seen_the_end_counts_then_it_fades_and_says_which_input() {
         let mut bench = Bench::new();
         bench.degc = 30.0;
         bench.run(3);
         let inside = bench.told_um().unwrap();
-        bench.degc = 32.5;
+        bench.degc = 34.9;
+        bench.run(2);
+        assert!(bench.told_um().unwrap() >= inside, "the end of the range counts");
+        bench.degc = 37.5;
         bench.run(2);
         let health = bench.estimator.health(bench.now).growths.remove(0);
         assert_eq!(health.status, ThermalStatus::Outside(0));
         assert_eq!(health.input.as_deref(), Some("box.2"));
         assert!((health.share - 0.5).abs() < 1e-9 && bench.told_um().unwrap() < 0.65 * inside);
-        bench.degc = 36.0;
+        bench.degc = 41.0;
         bench.run(2);
         assert!(bench.told_um().unwrap().abs() < 1e-9);
         bench.degc = 29.0;

@@ -37,7 +37,7 @@ pub struct Request {
     pub hold_out: f64,
     /// Strength of the shrinking, where it is not to be found.
     pub lambda: Option<f64>,
-    /// Fades to zero over this share of an input's range beyond its ends.
+    /// Beyond either end of an input's range the end counts over this share of the range; over as much again it fades to zero.
     pub fade_share: f64,
 }
 
@@ -133,7 +133,7 @@ pub struct ThermalFit {
 /// How well the rows kept back were predicted, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Forecast {
-    /// By this method, as the daemon would use it: with fading outside of what was seen.
+    /// By this method, as the daemon would use it: inputs held at the ends of what was seen.
     pub rms: f64,
     /// Largest error.
     pub largest: f64,
@@ -178,7 +178,12 @@ pub fn fit(
     }
     let log = Log { time_s: &time_s[..rows], inputs, y: &displacement_mm[..rows] };
     let (trained, constant) = log.frame(request, training_rows)?;
-    let sums = log.sums(&trained, training_rows);
+    // what is written knows all rows, about the same references
+    let mut whole = trained.clone();
+    for input in &mut whole.inputs {
+        input.range = log.range(&input.sensor, rows);
+    }
+    let sums = log.sums(&whole, training_rows);
     let training = sums.parts.iter().fold(Sums::new(trained.terms()), |a, b| a.plus(b));
     if spread(&log.y[..training_rows]) <= 0.0 {
         return Err(ThermalFitError::Flat);
@@ -188,16 +193,11 @@ pub fn fit(
     let forecaster = with_coefficients(Thermal { std: Some(rolling_rms), ..trained }, &of_training);
     let predicted = log.predict(&forecaster);
     let forecast = (training_rows < rows).then(|| log.forecast(&forecaster, &predicted, training_rows));
-    // what is written knows all rows, about the same references
-    let mut whole = forecaster.clone();
-    for input in &mut whole.inputs {
-        input.range = log.range(&input.sensor, rows);
-    }
     let all = training.plus(&sums.rest);
     let line = all.ridge(lambda).ok_or(ThermalFitError::NothingChanges)?;
     let fit_rms = (all.left(&line) / all.rows()).sqrt();
     Ok(ThermalFit {
-        thermal: with_coefficients(whole, &line),
+        thermal: with_coefficients(Thermal { std: Some(rolling_rms), ..whole }, &line),
         lambda,
         rows,
         training_rows,
