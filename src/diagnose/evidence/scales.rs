@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::super::constants::{MOST, NOISE_SCALES, PRESENT, TRIED};
+use super::super::constants::{MOST, NOISE_SCALES, TRIED};
 use super::covariance::{Basis, Structure};
 
 /// Place of the scale of each component in [`NOISE_SCALES`].
@@ -15,9 +15,18 @@ pub(super) fn values(rungs: &[usize]) -> Vec<f64> {
     rungs.iter().map(|r| NOISE_SCALES[*r]).collect()
 }
 
-/// Log prior of some scales.
+/// Log prior of some scales, against all zero: half-Cauchy about the white noise (Gelman 2006), over the intervals of the ladder.
 pub(super) fn log_prior(rungs: &[usize]) -> f64 {
-    PRESENT * rungs.iter().filter(|r| **r > 0).count() as f64
+    let up_to = |rung: usize| {
+        let top = match NOISE_SCALES.get(rung + 1) {
+            Some(next) if rung > 0 => (NOISE_SCALES[rung] * next).sqrt(),
+            Some(next) => next * 0.5f64.sqrt(),
+            None => f64::INFINITY,
+        };
+        top.atan()
+    };
+    let mass = |rung: usize| if rung > 0 { up_to(rung) - up_to(rung - 1) } else { up_to(0) };
+    rungs.iter().map(|r| (mass(*r) / mass(0)).ln()).sum()
 }
 
 /// The gap and the columns of a set, scaled to unit prior variance, whose evidence the scales change.
