@@ -83,7 +83,6 @@ pub(crate) static CYCLIC: Effect = Effect {
 /// `SUM c_n cos(2 pi n x/pitch) - c_n + s_n sin(2 pi n x/pitch)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Cyclic {
     pub axis: Axis,
     pub along: Axis,
@@ -107,10 +106,6 @@ impl Form for Cyclic {
             let (s, c) = (phase * (n + 1) as f64).sin_cos();
             (out[2 * n], out[2 * n + 1]) = (along * (c - 1.0), along * s);
         }
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.column()]
     }
 
     fn drawing(&self) -> Drawing {
