@@ -100,10 +100,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
 }
 
 fn read_model_path(top: &Section<'_>) -> Option<PathBuf> {
-    if top.value("model").is_none() {
-        top.missing("model", "add model = \"model.toml\", a path seen from this file");
-        return None;
-    }
+    top.require("model", "add model = \"model.toml\", a path seen from this file")?;
     let path = top.text("model")?;
     if path.value.trim().is_empty() {
         top.report(Diagnostic::at(
@@ -363,9 +360,7 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
     let section = &section.because(offset_unit, why.clone()).because(position_unit, why);
     let [limit, rate, acceleration] =
         [(keys.limit, keys.highest), (keys.rate, 1e6), (keys.acceleration, 1e9)].map(|(key, high)| {
-            if section.value(key).is_none() {
-                section.missing(key, &format!("add {key}: an axis without all its limits is never offset"));
-            }
+            section.require(key, &format!("add {key}: an axis without all its limits is never offset"));
             section.number(key, Allowed::Positive { high }).map(|n| n.value)
         });
     let warning = section.number(keys.warning, Allowed::Positive { high: keys.highest });
