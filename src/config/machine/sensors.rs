@@ -2,6 +2,7 @@
 
 use core::net::SocketAddr;
 
+use super::read::within;
 use crate::diagnostic::Diagnostic;
 use crate::reader::{Allowed, Placed, Section};
 use volcomp_estimate::fivedof::Head;
@@ -107,10 +108,6 @@ fn read_listen(general: &Section<'_>, wanted: bool) -> Option<Placed<SocketAddr>
             None
         }
     }
-}
-
-const fn within(low: f64, high: f64) -> Allowed {
-    Allowed::Within { low, high }
 }
 
 const fn up_to(high: f64) -> Allowed {

@@ -2,7 +2,7 @@
 
 use super::keys::{PositionKeys, ValueKeys};
 use super::number::shortest;
-use super::write::{heading, line_of};
+use super::write::{heading, line_of, part_heading};
 use crate::reader::{Allowed, Section};
 use volcomp_model::{DynamicTerm, ErrorSymbol, Law, ModelSpec, ToolErrors};
 use volcomp_units::axes::AxisKind;
@@ -137,11 +137,8 @@ pub(super) fn write(out: &mut String, symbol: ErrorSymbol, terms: &[DynamicTerm]
     let name = format!("errors.{}", symbol.to_string().to_lowercase());
     for term in terms {
         let kind = section_of(&term.law);
-        if terms.iter().filter(|other| section_of(&other.law) == kind).count() > 1 {
-            line_of(out, format_args!("\n[[{name}.{kind}]]"));
-        } else {
-            heading(out, &format!("{name}.{kind}"));
-        }
+        let is_of_several = terms.iter().filter(|other| section_of(&other.law) == kind).count() > 1;
+        part_heading(out, &name, kind, is_of_several);
         let mut put = |key: &str, value: String| line_of(out, format_args!("{key} = {value}"));
         let value = |v: f64| shortest(v, (keys.value.write)(v), keys.value.read);
         let length = |v: f64| shortest(v, (keys.axis.write)(v), keys.axis.read);
