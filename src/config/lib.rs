@@ -24,7 +24,7 @@ pub use machine::{
 pub use machine::{HttpConfig, MqttConfig, MtconnectConfig};
 pub use model::{Measured, ModelFile, Provenance, SourceEntry};
 
-pub use reader::{Allowed, Key, Shape};
+pub use reader::{Allowed, Key, Shape, place_of, text_at};
 use reader::{Placed, Section};
 use volcomp_protocol::Name;
 use volcomp_units::axes::AxisName;
@@ -47,39 +47,18 @@ pub fn kind_of_file(file: &str, text: &str) -> Result<FileKind, ConfigErrors> {
     let document = reader::document(file, text)?;
     let reader = reader::Reader::default();
     let top = Section::top(&reader, &document);
-    if top.value("format").is_none() {
-        let remedy = format!(
-            "add format = \"{}\" or format = \"{}\" as the first line",
-            machine::FORMAT,
-            model::FORMAT
-        );
-        top.missing("format", &remedy);
-    }
-    let kinds = [(machine::FORMAT, FileKind::Machine), (model::FORMAT, FileKind::Model)];
+    let (machine, model) = (machine::FORMAT, model::FORMAT);
+    top.require("format", &format!("add format = \"{machine}\" or format = \"{model}\" as the first line"));
+    let kinds = [(machine, FileKind::Machine), (model, FileKind::Model)];
     match top.choice("format", &kinds) {
         Some(kind) => Ok(kind),
         None => Err(reader.into_errors(file, text)),
     }
 }
 
-/// The place of the value of a key in a text, for mistakes that only show when files are compared.
-#[must_use]
-pub fn place_of(text: &str, path: &[&str]) -> Option<core::ops::Range<usize>> {
-    reader::place_of(text, path)
-}
-
-/// The text of a key, whatever else is wrong in the file; `None` where it states none.
-#[must_use]
-pub fn text_at(text: &str, path: &[&str]) -> Option<String> {
-    reader::text_at(text, path)
-}
-
 /// Checks `format`; false where the file is of another format, so that nothing else in it can be judged.
 fn read_format(top: &Section<'_>, expected: &str) -> bool {
-    if top.value("format").is_none() {
-        top.missing("format", &format!("add format = \"{expected}\" as the first line"));
-        return true;
-    }
+    top.require("format", &format!("add format = \"{expected}\" as the first line"));
     let Some(found) = top.text("format") else { return true };
     if found.value == expected {
         return true;
@@ -99,10 +78,7 @@ fn read_format(top: &Section<'_>, expected: &str) -> bool {
 
 /// The machine id, which must fit into the hello of the link.
 fn read_machine_id<'r>(top: &Section<'r>) -> Option<Placed<&'r str>> {
-    if top.value("machine").is_none() {
-        top.missing("machine", "add machine = \"...\", the id that the control announces");
-        return None;
-    }
+    top.require("machine", "add machine = \"...\", the id that the control announces")?;
     let id = top.text("machine")?;
     let limit = Name::MAX;
     let wrong = match id.value {

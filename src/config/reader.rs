@@ -174,26 +174,25 @@ fn not_toml(text: &str, error: &toml::de::Error) -> Diagnostic {
 
 /// The place of the value of `path`, for mistakes that only show when files are compared; a key that has no value
 /// of its own (a table) gives the place of the key.
-pub(super) fn place_of(text: &str, path: &[&str]) -> Option<Range<usize>> {
+#[must_use]
+pub fn place_of(text: &str, path: &[&str]) -> Option<Range<usize>> {
     let (document, _) = DeTable::parse_recoverable(text);
-    let mut table = document.get_ref();
     let (last, parents) = path.split_last()?;
-    for key in parents {
-        table = table.get(*key)?.get_ref().as_table()?;
-    }
-    let (key, value) = table.get_key_value(*last)?;
+    let (key, value) = table_at(document.get_ref(), parents)?.get_key_value(*last)?;
     Some(if value.get_ref().is_table() { key.span() } else { value.span() })
 }
 
-/// The text of a key in a document, whatever else is wrong in it.
-pub(super) fn text_at(text: &str, path: &[&str]) -> Option<String> {
+/// The text of a key, whatever else is wrong in the file; `None` where it states none.
+#[must_use]
+pub fn text_at(text: &str, path: &[&str]) -> Option<String> {
     let (document, _) = DeTable::parse_recoverable(without_mark(text));
-    let mut table = document.get_ref();
     let (last, parents) = path.split_last()?;
-    for key in parents {
-        table = table.get(*key)?.get_ref().as_table()?;
-    }
-    table.get(*last)?.get_ref().as_str().map(str::to_owned)
+    table_at(document.get_ref(), parents)?.get(*last)?.get_ref().as_str().map(str::to_owned)
+}
+
+/// The table below a table.
+fn table_at<'t, 'd>(table: &'t DeTable<'d>, path: &[&str]) -> Option<&'t DeTable<'d>> {
+    path.iter().try_fold(table, |table, key| table.get(*key)?.get_ref().as_table())
 }
 
 /// One table of the document, or its absence.
@@ -372,6 +371,15 @@ impl<'r> Section<'r> {
             let message = format!("{} is missing", self.named_key(key));
             self.report(Diagnostic { span: self.place(), message, remedy: Some(remedy.to_owned()) });
         }
+    }
+
+    /// Reports a key that is not written; `None` then.
+    pub(super) fn require(&self, key: &'static str, remedy: &str) -> Option<()> {
+        let written = self.value(key).map(|_| ());
+        if written.is_none() {
+            self.missing(key, remedy);
+        }
+        written
     }
 
     fn is_asked(&self, key: &str) -> bool {

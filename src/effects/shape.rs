@@ -6,8 +6,8 @@
 //! Source: the catalogue of the diagnosis; equations 1 for squareness, angular errors and locations.
 
 use crate::addition::Entry;
-use crate::drawing::Drawing;
-use crate::extend::{Becomes, Extended};
+use crate::drawing::{Drawing, Over};
+use crate::extend::{Becomes, Extended, OF_THE_INSTRUMENT};
 use crate::machine_state::{Axis, MachineState, Signal};
 use volcomp_model::geometry::Vec3;
 use volcomp_units::{RAD_PER_ARCSEC, UM_PER_MM};
@@ -41,14 +41,20 @@ pub(crate) trait Form {
     /// The deviation per unit of each parameter, um.
     fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]);
 
-    /// Columns (`docs/reference/session-files.md` 1) that it needs beside the positions.
-    fn columns(&self) -> Vec<String>;
+    /// Columns (`docs/reference/session-files.md` 1) that it needs: the position of its axis, or the time.
+    fn columns(&self) -> Vec<String> {
+        vec![self.over().map_or_else(|| "t_s".to_owned(), Axis::column)]
+    }
 
-    /// How it is drawn.
-    fn drawing(&self) -> Drawing;
+    /// How it is drawn: over the position of its axis, or over time.
+    fn drawing(&self) -> Drawing {
+        self.over().map_or(Over::Time, Over::Position).into()
+    }
 
-    /// What it becomes in a model, or why it stays out.
-    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes;
+    /// What it becomes in a model, or why it stays out, as all that belongs to the instrument does.
+    fn becomes(&self, _model: &Extended, _entry: &Entry) -> Becomes {
+        Err(OF_THE_INSTRUMENT)
+    }
 
     /// The non-linear parameters, for a person to read.
     fn fixed(&self) -> Vec<(String, f64)> {

@@ -135,7 +135,7 @@ pub fn read(source: impl Read, sink: &mut dyn Sink) -> Result<Summary, ReadError
     let mut deserializer = serde_json::Deserializer::from_reader(Tokens::new(source));
     let mut state =
         State { sink, header: None, clock: Clock::default(), row: Vec::new(), events: Vec::new() };
-    let done = TopSeed(&mut state).deserialize(&mut deserializer).and_then(|()| deserializer.end());
+    let done = Reader(Part::Top, &mut state).deserialize(&mut deserializer).and_then(|()| deserializer.end());
     done.map_err(|e| {
         let (line, column) = (e.line(), e.column());
         if e.is_io() {
@@ -297,136 +297,97 @@ impl State<'_> {
         let row = Row { t_s: self.clock.t_s, segment: self.clock.segment, values: &self.row };
         if self.sink.row(row) { Ok(()) } else { Err("stopped".to_owned()) }
     }
+
+    /// Names come from the file: a damaged one must not fill the memory with them.
+    fn count_event(&mut self, key: String) {
+        let full = self.events.len() >= EVENTS_MAX;
+        match self.events.iter_mut().find(|(name, _)| *name == key) {
+            Some((_, count)) => *count += 1,
+            None if full => {}
+            None => self.events.push((key, 1)),
+        }
+    }
 }
 
-struct TopSeed<'a, 'b>(&'a mut State<'b>);
+/// A part of the capture: the object, its payload, an item of that, the rows of an item, a row.
+#[derive(Clone, Copy)]
+enum Part {
+    Top,
+    Payload,
+    Item,
+    Rows,
+    Row,
+}
 
-impl<'de> DeserializeSeed<'de> for TopSeed<'_, '_> {
+/// Reads one part into the state.
+struct Reader<'a, 'b>(Part, &'a mut State<'b>);
+
+impl<'de> DeserializeSeed<'de> for Reader<'_, '_> {
     type Value = ();
     fn deserialize<D: Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_map(self)
+        match self.0 {
+            Part::Top | Part::Item => d.deserialize_map(self),
+            Part::Payload | Part::Rows | Part::Row => d.deserialize_seq(self),
+        }
     }
 }
 
-impl<'de> Visitor<'de> for TopSeed<'_, '_> {
+impl<'de> Visitor<'de> for Reader<'_, '_> {
     type Value = ();
+
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("an object with Header and Payload")
+        f.write_str(match self.0 {
+            Part::Top => "an object with Header and Payload",
+            Part::Payload => "a list of objects such as {\"HFData\": [[..]]}",
+            Part::Item => "an object such as {\"HFData\": [[..]]}",
+            Part::Rows => "a list of rows",
+            Part::Row => "a row of numbers",
+        })
     }
+
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        let Self(part, state) = self;
         while let Some(key) = map.next_key::<String>()? {
-            match key.as_str() {
-                "Header" => {
+            match (part, key.as_str()) {
+                (Part::Top, "Header") => {
                     let header = map.next_value()?;
-                    self.0.take_header(header).map_err(A::Error::custom)?;
+                    state.take_header(header).map_err(A::Error::custom)?;
                 }
-                "Payload" => map.next_value_seed(PayloadSeed(&mut *self.0))?,
-                _ => drop(map.next_value::<IgnoredAny>()?),
+                (Part::Top, "Payload") => map.next_value_seed(Reader(Part::Payload, state))?,
+                (Part::Item, "HFData") => map.next_value_seed(Reader(Part::Rows, state))?,
+                _ => {
+                    map.next_value::<IgnoredAny>()?;
+                    if matches!(part, Part::Item) {
+                        state.count_event(key);
+                    }
+                }
             }
         }
         Ok(())
     }
-}
 
-struct PayloadSeed<'a, 'b>(&'a mut State<'b>);
-
-impl<'de> DeserializeSeed<'de> for PayloadSeed<'_, '_> {
-    type Value = ();
-    fn deserialize<D: Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_seq(self)
-    }
-}
-
-impl<'de> Visitor<'de> for PayloadSeed<'_, '_> {
-    type Value = ();
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a list of objects such as {\"HFData\": [[..]]}")
-    }
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
-        while seq.next_element_seed(ItemSeed(&mut *self.0))?.is_some() {}
-        Ok(())
-    }
-}
-
-struct ItemSeed<'a, 'b>(&'a mut State<'b>);
-
-impl<'de> DeserializeSeed<'de> for ItemSeed<'_, '_> {
-    type Value = ();
-    fn deserialize<D: Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_map(self)
-    }
-}
-
-impl<'de> Visitor<'de> for ItemSeed<'_, '_> {
-    type Value = ();
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("an object such as {\"HFData\": [[..]]}")
-    }
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        while let Some(key) = map.next_key::<String>()? {
-            if key == "HFData" {
-                map.next_value_seed(RowsSeed(&mut *self.0))?;
-                continue;
+        let Self(part, state) = self;
+        match part {
+            Part::Rows => {
+                while seq.next_element_seed(Reader(Part::Row, state))?.is_some() {
+                    state.take_row().map_err(A::Error::custom)?;
+                }
             }
-            map.next_value::<IgnoredAny>()?;
-            // names come from the file: a damaged one must not fill the memory with them
-            let full = self.0.events.len() >= EVENTS_MAX;
-            match self.0.events.iter_mut().find(|(name, _)| *name == key) {
-                Some((_, count)) => *count += 1,
-                None if full => {}
-                None => self.0.events.push((key, 1)),
+            Part::Row => {
+                state.row.clear();
+                let limit = state.header.as_ref().map_or(0, |h| h.signals.len());
+                while let Some(value) = seq.next_element::<Option<f64>>()? {
+                    if state.row.len() == limit {
+                        let what = format!(
+                            "a row of more than {limit} values, expected one per signal of the Header"
+                        );
+                        return Err(A::Error::custom(what));
+                    }
+                    state.row.push(value.unwrap_or(f64::NAN));
+                }
             }
-        }
-        Ok(())
-    }
-}
-
-struct RowsSeed<'a, 'b>(&'a mut State<'b>);
-
-impl<'de> DeserializeSeed<'de> for RowsSeed<'_, '_> {
-    type Value = ();
-    fn deserialize<D: Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_seq(self)
-    }
-}
-
-impl<'de> Visitor<'de> for RowsSeed<'_, '_> {
-    type Value = ();
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a list of rows")
-    }
-    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
-        while seq.next_element_seed(RowSeed(&mut *self.0))?.is_some() {
-            self.0.take_row().map_err(A::Error::custom)?;
-        }
-        Ok(())
-    }
-}
-
-struct RowSeed<'a, 'b>(&'a mut State<'b>);
-
-impl<'de> DeserializeSeed<'de> for RowSeed<'_, '_> {
-    type Value = ();
-    fn deserialize<D: Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_seq(self)
-    }
-}
-
-impl<'de> Visitor<'de> for RowSeed<'_, '_> {
-    type Value = ();
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a row of numbers")
-    }
-    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
-        self.0.row.clear();
-        let limit = self.0.header.as_ref().map_or(0, |h| h.signals.len());
-        while let Some(value) = seq.next_element::<Option<f64>>()? {
-            if self.0.row.len() == limit {
-                let what =
-                    format!("a row of more than {limit} values, expected one per signal of the Header");
-                return Err(A::Error::custom(what));
-            }
-            self.0.row.push(value.unwrap_or(f64::NAN));
+            _ => while seq.next_element_seed(Reader(Part::Item, state))?.is_some() {},
         }
         Ok(())
     }

@@ -73,10 +73,6 @@ pub struct Decoded<'a> {
 /// # Errors
 /// Bytes that the encoding does not have.
 pub fn decode_as(bytes: &[u8], encoding: Encoding) -> Result<Decoded<'_>, FormatError> {
-    let wrong = || {
-        let line = bytes.iter().filter(|b| **b == b'\n').count() + 1;
-        FormatError::at(line, 1, FormatErrorKind::Encoding { encoding: encoding.name() })
-    };
     let text = match encoding {
         Encoding::Utf16 => {
             Codec::for_bom(bytes).filter(|(codec, _)| codec.name().starts_with("UTF-16")).and_then(
@@ -88,15 +84,13 @@ pub fn decode_as(bytes: &[u8], encoding: Encoding) -> Result<Decoded<'_>, Format
             .decode_without_bom_handling_and_without_replacement(bytes.strip_prefix(MARK).unwrap_or(bytes)),
     };
     text.map(|text| Decoded { text, encoding, guessed: false }).ok_or_else(|| {
-        match core::str::from_utf8(bytes) {
-            // the place of the first byte that is no UTF-8
-            Err(e) if encoding == Encoding::Utf8 => {
-                let before = &bytes[..e.valid_up_to()];
-                let line = before.iter().filter(|b| **b == b'\n').count() + 1;
-                FormatError::at(line, 1, FormatErrorKind::Encoding { encoding: encoding.name() })
-            }
-            _ => wrong(),
-        }
+        // the place of the first byte that is no UTF-8; other encodings name none
+        let end = match core::str::from_utf8(bytes) {
+            Err(e) if encoding == Encoding::Utf8 => e.valid_up_to(),
+            _ => bytes.len(),
+        };
+        let line = bytes[..end].iter().filter(|b| **b == b'\n').count() + 1;
+        FormatError::at(line, 1, FormatErrorKind::Encoding { encoding: encoding.name() })
     })
 }
 

@@ -34,14 +34,14 @@ pub const FIRST_OPTIONAL_TYPE: u8 = 0x80;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[expect(missing_docs, reason = "each is described at the message of the same name")]
 pub enum Kind {
-    DaemonHello,
-    ControlHello,
-    Error,
-    Close,
-    Position,
-    Correction,
-    Heartbeat,
-    Tool,
+    DaemonHello = 0x01,
+    ControlHello = 0x02,
+    Error = 0x03,
+    Close = 0x04,
+    Position = 0x10,
+    Correction = 0x11,
+    Heartbeat = 0x12,
+    Tool = 0x13,
 }
 
 impl Kind {
@@ -60,32 +60,13 @@ impl Kind {
     /// The code in the header.
     #[must_use]
     pub const fn code(self) -> u8 {
-        match self {
-            Self::DaemonHello => 0x01,
-            Self::ControlHello => 0x02,
-            Self::Error => 0x03,
-            Self::Close => 0x04,
-            Self::Position => 0x10,
-            Self::Correction => 0x11,
-            Self::Heartbeat => 0x12,
-            Self::Tool => 0x13,
-        }
+        self as u8
     }
 
     /// The type of a code.
     #[must_use]
-    pub const fn from_code(code: u8) -> Option<Self> {
-        match code {
-            0x01 => Some(Self::DaemonHello),
-            0x02 => Some(Self::ControlHello),
-            0x03 => Some(Self::Error),
-            0x04 => Some(Self::Close),
-            0x10 => Some(Self::Position),
-            0x11 => Some(Self::Correction),
-            0x12 => Some(Self::Heartbeat),
-            0x13 => Some(Self::Tool),
-            _ => None,
-        }
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.code() == code)
     }
 
     /// The version that its header carries.

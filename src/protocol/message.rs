@@ -16,9 +16,9 @@ pub struct Name {
 pub enum AxisUnit {
     /// Linear axes.
     #[default]
-    Millimetre,
+    Millimetre = 1,
     /// Rotary axes.
-    Degree,
+    Degree = 2,
 }
 
 /// One axis as the control announces it.
@@ -91,21 +91,21 @@ pub struct Position {
 pub enum CorrectionState {
     /// Not compensating; offsets are zero.
     #[default]
-    Off,
+    Off = 0,
     /// Ready to compensate, waiting for the machine or for the command.
-    Armed,
+    Armed = 1,
     /// Ramping in.
-    RampingIn,
+    RampingIn = 2,
     /// Compensating.
-    Active,
+    Active = 3,
     /// Holding the last offset for lack of fresh or plausible data.
-    Holding,
+    Holding = 4,
     /// Ramping out.
-    RampingOut,
+    RampingOut = 5,
     /// Stopped by a fault; offsets are being taken back or are zero.
-    Faulted,
+    Faulted = 6,
     /// Compensating, while the part that came from a silent sensor is being taken back.
-    FadingToStatic,
+    FadingToStatic = 7,
 }
 
 /// The answer to one position frame.
@@ -273,10 +273,7 @@ impl AxisUnit {
     /// The code on the wire.
     #[must_use]
     pub const fn code(self) -> u8 {
-        match self {
-            Self::Millimetre => 1,
-            Self::Degree => 2,
-        }
+        self as u8
     }
 
     /// The unit of a code.
@@ -294,16 +291,7 @@ impl CorrectionState {
     /// The code on the wire.
     #[must_use]
     pub const fn code(self) -> u8 {
-        match self {
-            Self::Off => 0,
-            Self::Armed => 1,
-            Self::RampingIn => 2,
-            Self::Active => 3,
-            Self::Holding => 4,
-            Self::RampingOut => 5,
-            Self::Faulted => 6,
-            Self::FadingToStatic => 7,
-        }
+        self as u8
     }
 
     /// The state of a code.

@@ -16,6 +16,7 @@ use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile, Policy};
 use volcomp_daemon::models::guard::is_expired;
 use volcomp_estimate::Thermal;
+use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_model::extremes::Bounds;
 use volcomp_model::spec::{ModelSpec, Sense};
 use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
@@ -192,13 +193,8 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
             ));
         }
         // the largest offset that positioning alone asks for must fit below the limit
-        let positioning = model.errors.iter().find(|(s, _)| {
-            matches!(s, ErrorSymbol::Motion { .. })
-                && s.axis() == axis.name
-                && s.component().index()
-                    == axis.name.direction() + 3 * usize::from(axis.name.kind() == AxisKind::Rotary)
-        });
-        if let Some((symbol, function)) = positioning {
+        let positioning = positioning_symbol(axis.name);
+        if let Some((symbol, function)) = model.errors.iter().find(|(s, _)| *s == positioning) {
             let size = Size::of(*symbol, function, model);
             let largest = size.low.abs().max(size.high.abs());
             let limit = offset_out(axis.name, axis.limits.size);

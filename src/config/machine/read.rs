@@ -100,10 +100,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
 }
 
 fn read_model_path(top: &Section<'_>) -> Option<PathBuf> {
-    if top.value("model").is_none() {
-        top.missing("model", "add model = \"model.toml\", a path seen from this file");
-        return None;
-    }
+    top.require("model", "add model = \"model.toml\", a path seen from this file")?;
     let path = top.text("model")?;
     if path.value.trim().is_empty() {
         top.report(Diagnostic::at(
@@ -131,12 +128,8 @@ fn read_additions(top: &Section<'_>) -> Vec<PathBuf> {
 const DEFAULT_ADDRESS: &str = "127.0.0.1:7878";
 const DEFAULT_CYCLE_MS: f64 = 1.0;
 
-/// A number with its default.
-fn or(section: &Section<'_>, key: &'static str, allowed: Allowed, default: f64) -> f64 {
-    section.number_or(key, allowed, default)
-}
-
-const fn within(low: f64, high: f64) -> Allowed {
+/// `low <= v <= high`.
+pub(super) const fn within(low: f64, high: f64) -> Allowed {
     Allowed::Within { low, high }
 }
 
@@ -152,20 +145,20 @@ fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
         check_remote(link, &Placed { value, place }, secured, plain_remote);
     }
     let reconnect = [
-        or(link, "reconnect-min-s", within(0.01, 3600.0), 0.2),
-        or(link, "reconnect-max-s", within(0.01, 3600.0), 10.0),
+        link.number_or("reconnect-min-s", within(0.01, 3600.0), 0.2),
+        link.number_or("reconnect-max-s", within(0.01, 3600.0), 10.0),
     ];
     at_least(link, "reconnect-max-s", reconnect[1], "reconnect-min-s", reconnect[0]);
-    let heartbeat_s = or(link, "heartbeat-s", within(0.02, 60.0), 0.5);
-    let silence_s = or(link, "silence-s", within(0.05, 600.0), 3.0);
+    let heartbeat_s = link.number_or("heartbeat-s", within(0.02, 60.0), 0.5);
+    let silence_s = link.number_or("silence-s", within(0.05, 600.0), 3.0);
     // one lost heartbeat is no silence
     at_least(link, "silence-s", silence_s, "twice heartbeat-s", 2.0 * heartbeat_s);
-    let cycle_ms = or(link, "cycle-ms", within(0.25, 10.0), DEFAULT_CYCLE_MS);
+    let cycle_ms = link.number_or("cycle-ms", within(0.25, 10.0), DEFAULT_CYCLE_MS);
     let interface = read_interface(link, cycle_ms);
     let config = LinkConfig {
         address: address?,
         cycle_s: cycle_ms / 1e3,
-        connect_timeout_s: or(link, "connect-timeout-s", within(0.1, 300.0), 5.0),
+        connect_timeout_s: link.number_or("connect-timeout-s", within(0.1, 300.0), 5.0),
         reconnect_s: reconnect,
         heartbeat_s,
         silence_s,
@@ -217,19 +210,19 @@ fn at_least(section: &Section<'_>, key: &'static str, value: f64, floor: &str, l
 }
 
 fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
-    let stale_ms = or(engine, "stale-ms", within(0.5, 10_000.0), 20.0);
+    let stale_ms = engine.number_or("stale-ms", within(0.5, 10_000.0), 20.0);
     at_least(engine, "stale-ms", stale_ms, "two cycles", 2.0 * cycle_ms);
     let settings = EngineSettings {
         start: engine
             .choice("start", &[("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)])
             .unwrap_or_default(),
-        ramp_s: or(engine, "ramp-s", within(0.01, 120.0), 2.0),
+        ramp_s: engine.number_or("ramp-s", within(0.01, 120.0), 2.0),
         stale_s: stale_ms / 1e3,
-        hold_s: or(engine, "hold-s", within(0.0, 60.0), 0.2),
+        hold_s: engine.number_or("hold-s", within(0.0, 60.0), 0.2),
         after_loss: engine
             .choice("after-loss", &[("latch", AfterLoss::Latch), ("resume", AfterLoss::Resume)])
             .unwrap_or_default(),
-        gain: or(engine, "gain", within(0.0, 1.0), 1.0),
+        gain: engine.number_or("gain", within(0.0, 1.0), 1.0),
         position_source: engine
             .choice(
                 "position-source",
@@ -246,8 +239,8 @@ fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
         lag: engine
             .number("lag-cycles", within(0.0, LAG_CYCLES_MAX as f64))
             .map_or(Lag::Measured, |n| Lag::Cycles(n.value)),
-        lag_uncertainty_cycles: or(engine, "lag-uncertainty-cycles", within(0.0, 100.0), 0.5),
-        live_max_age_s: or(engine, "live-max-age-ms", within(1.0, 600_000.0), 500.0) / 1e3,
+        lag_uncertainty_cycles: engine.number_or("lag-uncertainty-cycles", within(0.0, 100.0), 0.5),
+        live_max_age_s: engine.number_or("live-max-age-ms", within(1.0, 600_000.0), 500.0) / 1e3,
     };
     engine.finish();
     settings
@@ -363,9 +356,7 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
     let section = &section.because(offset_unit, why.clone()).because(position_unit, why);
     let [limit, rate, acceleration] =
         [(keys.limit, keys.highest), (keys.rate, 1e6), (keys.acceleration, 1e9)].map(|(key, high)| {
-            if section.value(key).is_none() {
-                section.missing(key, &format!("add {key}: an axis without all its limits is never offset"));
-            }
+            section.require(key, &format!("add {key}: an axis without all its limits is never offset"));
             section.number(key, Allowed::Positive { high }).map(|n| n.value)
         });
     let warning = section.number(keys.warning, Allowed::Positive { high: keys.highest });
@@ -373,12 +364,12 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
     let tolerance = section.number(keys.tolerance, Allowed::Positive { high: 1000.0 });
     against_limit(section, keys, limit, [&warning, &stop, &tolerance]);
     let two_cycles = rate.map_or(f64::INFINITY, |rate| DEFAULT_STEP_CYCLES * rate * cycle_s);
-    let step = or(section, keys.step, Allowed::Positive { high: keys.highest }, two_cycles);
+    let step = section.number_or(keys.step, Allowed::Positive { high: keys.highest }, two_cycles);
     let soft = read_soft_limits(section, keys);
-    let feed = or(section, keys.feed.0, Allowed::Positive { high: 1e7 }, keys.feed.1);
+    let feed = section.number_or(keys.feed.0, Allowed::Positive { high: 1e7 }, keys.feed.1);
     let two_cycles = DEFAULT_JUMP_CYCLES * feed / SECONDS_PER_MINUTE * cycle_s;
-    let jump = or(section, keys.jump, Allowed::Positive { high: 1000.0 }, two_cycles);
-    let deadband = or(section, keys.deadband, within(0.0, 1000.0), DEFAULT_DEADBAND);
+    let jump = section.number_or(keys.jump, Allowed::Positive { high: 1000.0 }, two_cycles);
+    let deadband = section.number_or(keys.deadband, within(0.0, 1000.0), DEFAULT_DEADBAND);
     section.finish();
     let limit = limit?;
     Some(AxisConfig {
@@ -450,7 +441,7 @@ fn read_realtime(realtime: &Section<'_>) -> RealtimeConfig {
         priority: u8::try_from(priority).ok().filter(|p| *p > 0),
         cpu: realtime.whole("cpu", 0, 1023).and_then(|n| u16::try_from(n.value).ok()),
         lock_memory: realtime.flag("lock-memory").unwrap_or(true),
-        busy_poll_s: or(realtime, "busy-poll-us", within(0.0, 10_000.0), 0.0) / 1e6,
+        busy_poll_s: realtime.number_or("busy-poll-us", within(0.0, 10_000.0), 0.0) / 1e6,
     };
     realtime.finish();
     config
@@ -485,10 +476,10 @@ fn read_recording(recording: &Section<'_>) -> RecordingConfig {
     let config = RecordingConfig {
         directory: read_directory(recording),
         file_bytes: u64::from(file_mb) * BYTES_PER_MB,
-        file_s: or(recording, "file-max-s", within(1.0, 604_800.0), 3600.0),
+        file_s: recording.number_or("file-max-s", within(1.0, 604_800.0), 3600.0),
         total_bytes: u64::from(total_mb) * BYTES_PER_MB,
         when_full: recording.choice("when-full", &when_full).unwrap_or_default(),
-        flush_s: or(recording, "flush-ms", within(20.0, 1000.0), 500.0) / 1e3,
+        flush_s: recording.number_or("flush-ms", within(20.0, 1000.0), 500.0) / 1e3,
     };
     recording.finish();
     config
@@ -529,9 +520,12 @@ fn read_guard(guard: &Section<'_>) -> GuardConfig {
         ));
     }
     let config = GuardConfig {
-        change_limit: mm_from_um(or(guard, "change-limit-um", within(0.0, 10_000.0), DEFAULT_CHANGE[0])),
-        change_limit_angle: rad_from_arcsec(or(
-            guard,
+        change_limit: mm_from_um(guard.number_or(
+            "change-limit-um",
+            within(0.0, 10_000.0),
+            DEFAULT_CHANGE[0],
+        )),
+        change_limit_angle: rad_from_arcsec(guard.number_or(
             "change-limit-arcsec",
             within(0.0, 10_000.0),
             DEFAULT_CHANGE[1],
@@ -539,7 +533,7 @@ fn read_guard(guard: &Section<'_>) -> GuardConfig {
         hash: hash.map(|h| h.value.to_owned()),
         expired: guard.choice("expired", &policies).unwrap_or_default(),
         temperature_degc: temperature.map(|t| t.value),
-        temperature_max_age_s: 60.0 * or(guard, "temperature-max-age-min", within(0.1, 10_000.0), 60.0),
+        temperature_max_age_s: 60.0 * guard.number_or("temperature-max-age-min", within(0.1, 10_000.0), 60.0),
         outside_temperature: guard.choice("outside-temperature", &policies).unwrap_or_default(),
     };
     guard.finish();

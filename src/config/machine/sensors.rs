@@ -2,6 +2,7 @@
 
 use core::net::SocketAddr;
 
+use super::read::within;
 use crate::diagnostic::Diagnostic;
 use crate::reader::{Allowed, Placed, Section};
 use volcomp_estimate::fivedof::Head;
@@ -109,10 +110,6 @@ fn read_listen(general: &Section<'_>, wanted: bool) -> Option<Placed<SocketAddr>
     }
 }
 
-const fn within(low: f64, high: f64) -> Allowed {
-    Allowed::Within { low, high }
-}
-
 const fn up_to(high: f64) -> Allowed {
     Allowed::Positive { high }
 }
@@ -130,10 +127,7 @@ fn pair(section: &Section<'_>, keys: [&'static str; 2], highest: [f64; 2], defau
 
 /// A name without dots: a dot parts it from the symbol in the names of live values.
 fn read_name(section: &Section<'_>, what: &str) -> Option<String> {
-    if section.value("name").is_none() {
-        section.missing("name", &format!("add name = \"...\", by which the {what} is known"));
-        return None;
-    }
+    section.require("name", &format!("add name = \"...\", by which the {what} is known"))?;
     let name = section.text("name")?;
     let good = !name.value.is_empty()
         && name.value.len() <= NAME_MAX
@@ -159,10 +153,8 @@ enum Kind {
 
 fn read_sensor(section: &Section<'_>, maps: &[MapSpec]) -> Option<SensorSpec> {
     let name = read_name(section, "sensor");
-    if section.value("kind").is_none() {
-        let remedy = "add kind = \"tool\", \"five-dof\", \"value\", \"temperature\" or \"speed\"";
-        section.missing("kind", remedy);
-    }
+    let remedy = "add kind = \"tool\", \"five-dof\", \"value\", \"temperature\" or \"speed\"";
+    section.require("kind", remedy);
     let kinds = [
         ("tool", Kind::Tool),
         ("five-dof", Kind::FiveDof),
@@ -368,10 +360,7 @@ fn read_map(section: &Section<'_>) -> Option<MapSpec> {
 }
 
 fn read_nodes(section: &Section<'_>, key: &'static str) -> Option<Vec<f64>> {
-    if section.value(key).is_none() {
-        section.missing(key, &format!("add {key} = [lowest, .., highest], the coordinates of the nodes"));
-        return None;
-    }
+    section.require(key, &format!("add {key} = [lowest, .., highest], the coordinates of the nodes"))?;
     let list = section.numbers(key)?;
     let values: Vec<f64> = list.value.iter().map(|n| n.value).collect();
     if values.len() < 2 || values.windows(2).any(|w| w[0] >= w[1]) {

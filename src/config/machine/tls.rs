@@ -54,9 +54,8 @@ pub(super) fn read_tls(link: &Section<'_>, address: Option<SocketAddr>) -> Optio
 }
 
 fn read_path(tls: &Section<'_>, key: &'static str, what: &str) -> Option<PathBuf> {
-    let written = tls.value(key).is_some();
-    if !written && tls.place().is_some() {
-        tls.missing(key, &format!("add {key} = \"...\", {what}, a path seen from this file"));
+    if tls.place().is_some() {
+        tls.require(key, &format!("add {key} = \"...\", {what}, a path seen from this file"));
     }
     let path = tls.text(key)?;
     if path.value.trim().is_empty() {

@@ -63,11 +63,9 @@ fn read_axis(section: Section<'_>, name: AxisName, needs_point: bool) -> AxisSpe
         AxisKind::Rotary => {
             match point(&section, "point-mm") {
                 Some(p) => axis.point = p.value,
-                None if needs_point && section.value("point-mm").is_none() => {
-                    section.missing(
-                        "point-mm",
-                        "add point-mm = [x, y, z], a point on the axis of rotation at home",
-                    );
+                None if needs_point => {
+                    let remedy = "add point-mm = [x, y, z], a point on the axis of rotation at home";
+                    section.require("point-mm", remedy);
                 }
                 None => {}
             }

@@ -2,7 +2,7 @@
 
 use super::keys::{PositionKeys, ValueKeys};
 use super::number::shortest;
-use super::write::{heading, line_of};
+use super::write::{heading, line_of, part_heading};
 use crate::reader::{Allowed, Section};
 use volcomp_model::{DynamicTerm, ErrorSymbol, Law, ModelSpec, ToolErrors};
 use volcomp_units::axes::AxisKind;
@@ -33,11 +33,9 @@ struct Keys {
     velocity: &'static str,
     acceleration: &'static str,
     /// A gain of the file per mm or rad and s, and back.
-    read_gain: fn(f64) -> f64,
-    write_gain: fn(f64) -> f64,
+    gains: [Convert; 2],
     /// A relative growth of the file per mm or rad, and back.
-    read_growth: fn(f64) -> f64,
-    write_growth: fn(f64) -> f64,
+    growths: [Convert; 2],
 }
 
 impl Keys {
@@ -45,43 +43,37 @@ impl Keys {
         let (value, axis) = (ValueKeys::of(symbol), PositionKeys::of(symbol.axis()));
         let [width, height] =
             if symbol.is_angle() { ["width-arcsec", "height-arcsec"] } else { ["width-um", "height-um"] };
-        let (build_up, growth, speed) = match symbol.axis().kind() {
-            AxisKind::Linear => ("build-up-mm", "growth-per-mm", "speed-mm-per-s"),
-            AxisKind::Rotary => ("build-up-deg", "growth-per-deg", "speed-deg-per-s"),
-        };
-        let (velocity, acceleration) = match (symbol.is_angle(), symbol.axis().kind()) {
-            (false, AxisKind::Linear) => ("gain-um-s-per-mm", "gain-um-s2-per-mm"),
-            (false, AxisKind::Rotary) => ("gain-um-s-per-deg", "gain-um-s2-per-deg"),
-            (true, AxisKind::Linear) => ("gain-arcsec-s-per-mm", "gain-arcsec-s2-per-mm"),
-            (true, AxisKind::Rotary) => ("gain-arcsec-s-per-deg", "gain-arcsec-s2-per-deg"),
-        };
-        let (read_gain, write_gain): (Convert, Convert) = match (symbol.is_angle(), symbol.axis().kind()) {
-            (false, AxisKind::Linear) => (mm_from_um, um_from_mm),
-            (false, AxisKind::Rotary) => (|v| mm_from_um(v) / RAD_PER_DEG, |v| um_from_mm(v * RAD_PER_DEG)),
-            (true, AxisKind::Linear) => (rad_from_arcsec, arcsec_from_rad),
-            (true, AxisKind::Rotary) => {
-                (|v| rad_from_arcsec(v) / RAD_PER_DEG, |v| arcsec_from_rad(v * RAD_PER_DEG))
+        let (build_up, growth, speed, growths): (_, _, _, [Convert; 2]) = match symbol.axis().kind() {
+            AxisKind::Linear => {
+                ("build-up-mm", "growth-per-mm", "speed-mm-per-s", [core::convert::identity; 2])
             }
+            AxisKind::Rotary => (
+                "build-up-deg",
+                "growth-per-deg",
+                "speed-deg-per-s",
+                [|v| v / RAD_PER_DEG, |v| v * RAD_PER_DEG],
+            ),
         };
-        let (read_growth, write_growth): (Convert, Convert) = match symbol.axis().kind() {
-            AxisKind::Linear => (core::convert::identity, core::convert::identity),
-            AxisKind::Rotary => (|v| v / RAD_PER_DEG, |v| v * RAD_PER_DEG),
-        };
-        Self {
-            value,
-            axis,
-            width,
-            height,
-            build_up,
-            growth,
-            speed,
-            velocity,
-            acceleration,
-            read_gain,
-            write_gain,
-            read_growth,
-            write_growth,
-        }
+        let (velocity, acceleration, gains): (_, _, [Convert; 2]) =
+            match (symbol.is_angle(), symbol.axis().kind()) {
+                (false, AxisKind::Linear) => {
+                    ("gain-um-s-per-mm", "gain-um-s2-per-mm", [mm_from_um, um_from_mm])
+                }
+                (false, AxisKind::Rotary) => (
+                    "gain-um-s-per-deg",
+                    "gain-um-s2-per-deg",
+                    [|v| mm_from_um(v) / RAD_PER_DEG, |v| um_from_mm(v * RAD_PER_DEG)],
+                ),
+                (true, AxisKind::Linear) => {
+                    ("gain-arcsec-s-per-mm", "gain-arcsec-s2-per-mm", [rad_from_arcsec, arcsec_from_rad])
+                }
+                (true, AxisKind::Rotary) => (
+                    "gain-arcsec-s-per-deg",
+                    "gain-arcsec-s2-per-deg",
+                    [|v| rad_from_arcsec(v) / RAD_PER_DEG, |v| arcsec_from_rad(v * RAD_PER_DEG)],
+                ),
+            };
+        Self { value, axis, width, height, build_up, growth, speed, velocity, acceleration, gains, growths }
     }
 }
 
@@ -103,9 +95,7 @@ pub(super) fn read(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Vec<Dyn
 
 fn read_term(section: &Section<'_>, name: &str, keys: &Keys) -> Option<DynamicTerm> {
     let required = |key: &'static str, allowed: Allowed| {
-        if section.value(key).is_none() {
-            section.missing(key, &format!("add {key} = .."));
-        }
+        section.require(key, &format!("add {key} = .."));
         section.number(key, allowed).map(|n| n.value)
     };
     let growth = section.number(keys.growth, Allowed::Finite).map_or(0.0, |n| n.value);
@@ -130,13 +120,13 @@ fn read_term(section: &Section<'_>, name: &str, keys: &Keys) -> Option<DynamicTe
                 required(keys.height, Allowed::Finite).map(keys.value.read),
             )
         }
-        "velocity" => (Some(Law::Velocity), required(keys.velocity, Allowed::Finite).map(keys.read_gain)),
-        _ => (Some(Law::Acceleration), required(keys.acceleration, Allowed::Finite).map(keys.read_gain)),
+        "velocity" => (Some(Law::Velocity), required(keys.velocity, Allowed::Finite).map(keys.gains[0])),
+        _ => (Some(Law::Acceleration), required(keys.acceleration, Allowed::Finite).map(keys.gains[0])),
     };
     Some(DynamicTerm {
         law: law?,
         gain: gain?,
-        growth: (keys.read_growth)(growth),
+        growth: (keys.growths[0])(growth),
         limit: (keys.value.read)(limit?),
     })
 }
@@ -147,15 +137,12 @@ pub(super) fn write(out: &mut String, symbol: ErrorSymbol, terms: &[DynamicTerm]
     let name = format!("errors.{}", symbol.to_string().to_lowercase());
     for term in terms {
         let kind = section_of(&term.law);
-        if terms.iter().filter(|other| section_of(&other.law) == kind).count() > 1 {
-            line_of(out, format_args!("\n[[{name}.{kind}]]"));
-        } else {
-            heading(out, &format!("{name}.{kind}"));
-        }
+        let is_of_several = terms.iter().filter(|other| section_of(&other.law) == kind).count() > 1;
+        part_heading(out, &name, kind, is_of_several);
         let mut put = |key: &str, value: String| line_of(out, format_args!("{key} = {value}"));
         let value = |v: f64| shortest(v, (keys.value.write)(v), keys.value.read);
         let length = |v: f64| shortest(v, (keys.axis.write)(v), keys.axis.read);
-        let gain = |v: f64| shortest(v, (keys.write_gain)(v), keys.read_gain);
+        let gain = |v: f64| shortest(v, (keys.gains[1])(v), keys.gains[0]);
         match term.law {
             Law::Reversal { build_up } => {
                 put(keys.width, value(term.gain));
@@ -177,7 +164,7 @@ pub(super) fn write(out: &mut String, symbol: ErrorSymbol, terms: &[DynamicTerm]
             Law::Acceleration => put(keys.acceleration, gain(term.gain)),
         }
         if term.growth != 0.0 {
-            put(keys.growth, shortest(term.growth, (keys.write_growth)(term.growth), keys.read_growth));
+            put(keys.growth, shortest(term.growth, (keys.growths[1])(term.growth), keys.growths[0]));
         }
         put(keys.value.limit, value(term.limit));
     }

@@ -250,15 +250,6 @@ impl Kind<'_, '_> {
         Some(Placed::new(values, list.place))
     }
 
-    /// Reports a key that must be there.
-    fn require(&self, key: &'static str, remedy: &str) -> bool {
-        let there = self.section.value(key).is_some();
-        if !there {
-            self.section.missing(key, remedy);
-        }
-        there
-    }
-
     /// Reports what the curve itself refuses.
     fn built<T>(&self, curve: Result<T, CurveError>, place: Option<Range<usize>>) -> Option<T> {
         curve
@@ -282,15 +273,15 @@ impl Kind<'_, '_> {
 
 fn read_constant(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let key = kind.of.value;
-    let there = kind.require(key, &format!("add {key} = the value"));
-    kind.value(key).filter(|_| there).map(Curve::Constant)
+    let there = kind.section.require(key, &format!("add {key} = the value"));
+    kind.value(key).filter(|_| there.is_some()).map(Curve::Constant)
 }
 
 fn read_table(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let (at, of) = (kind.at, kind.of);
     let there = [
-        kind.require(at.position, &format!("add {} = [...], at least two positions", at.position)),
-        kind.require(of.value, &format!("add {} = [...], one value per position", of.value)),
+        kind.section.require(at.position, &format!("add {} = [...], at least two positions", at.position)),
+        kind.section.require(of.value, &format!("add {} = [...], one value per position", of.value)),
     ];
     let positions = kind.section.numbers(at.position);
     let values = kind.values(of.value);
@@ -300,7 +291,7 @@ fn read_table(kind: &mut Kind<'_, '_>) -> Option<Curve> {
         None => Some(Interpolation::default()),
         Some(_) => kind.section.choice("interpolation", &INTERPOLATIONS),
     };
-    if there != [true, true] {
+    if there.contains(&None) {
         return None;
     }
     let positions = positions?;
@@ -363,8 +354,9 @@ fn check_positions(section: &Section<'_>, key: &str, positions: &Placed<Vec<Plac
 fn read_fourier(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let (at, of) = (kind.at, kind.of);
     let there = [
-        kind.require(at.span, &format!("add {} = the length over which the series holds", at.span)),
-        kind.require(at.period, &format!("add {} = the wave length of the first harmonic", at.period)),
+        kind.section.require(at.span, &format!("add {} = the length over which the series holds", at.span)),
+        kind.section
+            .require(at.period, &format!("add {} = the wave length of the first harmonic", at.period)),
     ];
     let origin = match kind.section.value(at.origin) {
         None => Some(0.0),
@@ -374,7 +366,7 @@ fn read_fourier(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let period = kind.section.number(at.period, SPAN);
     let (mean, linear) = (kind.value(of.mean), kind.value(of.linear));
     let (cos, sin) = (kind.values(of.cos), kind.values(of.sin));
-    if there != [true, true] {
+    if there.contains(&None) {
         return None;
     }
     let (cos, sin) = (cos?, sin?);
@@ -387,10 +379,10 @@ fn read_fourier(kind: &mut Kind<'_, '_>) -> Option<Curve> {
 
 fn read_half_range(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let (at, of) = (kind.at, kind.of);
-    let there = kind.require(at.range, &format!("add {} = [lower end, upper end]", at.range));
+    let there = kind.section.require(at.range, &format!("add {} = [lower end, upper end]", at.range));
     let range = kind.section.interval(at.range);
     let (mean, linear, sin) = (kind.value(of.mean), kind.value(of.linear), kind.values(of.sin));
-    let sin = sin.filter(|_| there)?;
+    let sin = sin.filter(|_| there.is_some())?;
     let [low, high] = range?.value.map(at.read);
     let series = HalfRange::new(low, high, mean?, linear?, &sin.value);
     kind.built(series, Some(sin.place)).map(Curve::HalfRange)
@@ -399,12 +391,12 @@ fn read_half_range(kind: &mut Kind<'_, '_>) -> Option<Curve> {
 fn read_chebyshev(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let (at, of) = (kind.at, kind.of);
     let there = [
-        kind.require(at.range, &format!("add {} = [lower end, upper end]", at.range)),
-        kind.require(of.coefficients, &format!("add {} = [c0, c1, ...]", of.coefficients)),
+        kind.section.require(at.range, &format!("add {} = [lower end, upper end]", at.range)),
+        kind.section.require(of.coefficients, &format!("add {} = [c0, c1, ...]", of.coefficients)),
     ];
     let range = kind.section.interval(at.range);
     let coefficients = kind.values(of.coefficients);
-    if there != [true, true] {
+    if there.contains(&None) {
         return None;
     }
     let coefficients = coefficients?;
@@ -418,12 +410,8 @@ fn read_chebyshev(kind: &mut Kind<'_, '_>) -> Option<Curve> {
 fn read_live(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Live> {
     let of = ValueKeys::of(symbol);
     let sensor = section.text("sensor");
-    if section.value("sensor").is_none() {
-        section.missing("sensor", "add sensor = \"name\", the sensor that tells this error");
-    }
-    if section.value(of.limit).is_none() {
-        section.missing(of.limit, &format!("add {} = .., the largest value that is believed", of.limit));
-    }
+    section.require("sensor", "add sensor = \"name\", the sensor that tells this error");
+    section.require(of.limit, &format!("add {} = .., the largest value that is believed", of.limit));
     let limit = section.number(of.limit, Allowed::Positive { high: 5000.0 });
     let reference = match symbol.axis().kind() {
         AxisKind::Linear => section.number("reference-mm", Allowed::Finite).map(|n| n.value),
@@ -436,8 +424,9 @@ fn read_live(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Live> {
 fn read_grid(kind: &mut Kind<'_, '_>) -> Option<Grid> {
     let of = kind.of;
     let there = [
-        kind.require("axes", "add axes = [\"y\", \"z\"], the axes that it runs over, slowest first"),
-        kind.require(of.value, &format!("add {} = [...], one value per point, last axis fastest", of.value)),
+        kind.section.require("axes", "add axes = [\"y\", \"z\"], the axes that it runs over, slowest first"),
+        kind.section
+            .require(of.value, &format!("add {} = [...], one value per point, last axis fastest", of.value)),
     ];
     let names = kind.section.texts("axes");
     let values = kind.values(of.value);
@@ -450,7 +439,7 @@ fn read_grid(kind: &mut Kind<'_, '_>) -> Option<Grid> {
             edges
         });
     }
-    if there != [true, true] {
+    if there.contains(&None) {
         return None;
     }
     let (edges, values) = (edges?, values?);
@@ -481,7 +470,7 @@ fn read_edge(kind: &Kind<'_, '_>, name: &Placed<&str>) -> Option<(AxisName, Vec<
         return None;
     };
     let key = grid_key(axis);
-    kind.require(key, &format!("add {key} = [...], the positions of the grid along {axis}"));
+    kind.section.require(key, &format!("add {key} = [...], the positions of the grid along {axis}"));
     let positions = kind.section.numbers(key)?;
     let read = PositionKeys::of(axis).read;
     check_positions(kind.section, key, &positions)

@@ -210,15 +210,9 @@ fn point(section: &Section<'_>, key: &'static str) -> Option<Placed<Vec3>> {
 }
 
 fn read_chain(top: &Section<'_>, text: &str) -> Option<Placed<Chain>> {
-    let Some(written) = top.text("chain") else {
-        if top.value("chain").is_none() {
-            top.missing(
-                "chain",
-                "add the axes from workpiece through bed to tool, for example chain = \"[w X' b Y Z t]\"",
-            );
-        }
-        return None;
-    };
+    let remedy = "add the axes from workpiece through bed to tool, for example chain = \"[w X' b Y Z t]\"";
+    top.require("chain", remedy)?;
+    let written = top.text("chain")?;
     if written.value.len() > Name::MAX * 8 {
         top.report(Diagnostic::at(written.place, "chain is too long", "a chain has at most 8 axes"));
         return None;

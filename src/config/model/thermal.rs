@@ -129,22 +129,15 @@ fn read_one(section: &Section<'_>, name: &str) -> Option<Thermal> {
 
 fn read_input(section: &Section<'_>, unit: Unit) -> Option<ThermalInput> {
     let sensor = section.text("sensor");
-    if section.value("sensor").is_none() {
-        section.missing("sensor", "add sensor = \"name\", the thermometer or the spindle");
-    }
+    section.require("sensor", "add sensor = \"name\", the thermometer or the spindle");
     let is_speed = section.value("range-rpm").is_some() || section.value(unit.per_speed).is_some();
     let (quantity, range_key, reference_key, value_key, allowed, usual) = if is_speed {
         (Quantity::Speed, "range-rpm", "reference-rpm", unit.per_speed, SPEED, 0.0)
     } else {
         (Quantity::Temperature, "range-degc", "reference-degc", unit.per_kelvin, TEMPERATURE, REFERENCE_DEGC)
     };
-    if section.value(range_key).is_none() {
-        let remedy = format!("add {range_key} = [low, high], within which the numbers hold");
-        section.missing(range_key, &remedy);
-    }
-    if section.value(value_key).is_none() {
-        section.missing(value_key, &format!("add {value_key} = [..], one number per lag"));
-    }
+    section.require(range_key, &format!("add {range_key} = [low, high], within which the numbers hold"));
+    section.require(value_key, &format!("add {value_key} = [..], one number per lag"));
     let range = section.interval(range_key);
     let reference = section.number(reference_key, allowed).map_or(usual, |n| n.value);
     let power = match quantity {

@@ -87,6 +87,15 @@ pub(super) fn heading(out: &mut String, name: &str) {
     line_of(out, format_args!("\n[{name}]"));
 }
 
+/// The heading of a part of an error, which is one of several or the only one of its kind.
+pub(super) fn part_heading(out: &mut String, name: &str, kind: &str, is_of_several: bool) {
+    if is_of_several {
+        line_of(out, format_args!("\n[[{name}.{kind}]]"));
+    } else {
+        heading(out, &format!("{name}.{kind}"));
+    }
+}
+
 fn write_axis(out: &mut String, axis: &AxisSpec) {
     let keys = PositionKeys::of(axis.name);
     heading(out, &format!("axes.{}", axis.name.lower()));
@@ -146,27 +155,15 @@ fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, 
     let several = |kind: &str| function.curves.iter().filter(|c| kind_of(c) == kind).count() > 1;
     for curve in &function.curves {
         let kind = kind_of(curve);
-        if several(kind) {
-            line_of(out, format_args!("\n[[{name}.{kind}]]"));
-        } else {
-            heading(out, &format!("{name}.{kind}"));
-        }
+        part_heading(out, &name, kind, several(kind));
         write_curve(out, curve, at, of);
     }
     for grid in &function.grids {
-        if function.grids.len() > 1 {
-            line_of(out, format_args!("\n[[{name}.grid]]"));
-        } else {
-            heading(out, &format!("{name}.grid"));
-        }
+        part_heading(out, &name, "grid", function.grids.len() > 1);
         write_grid(out, grid, of);
     }
     for live in &function.live {
-        if function.live.len() > 1 {
-            line_of(out, format_args!("\n[[{name}.live]]"));
-        } else {
-            heading(out, &format!("{name}.live"));
-        }
+        part_heading(out, &name, "live", function.live.len() > 1);
         line_of(out, format_args!("sensor = {}", quoted(&live.sensor)));
         line_of(out, format_args!("{} = {}", of.limit, value(live.limit, of)));
         if let Some(at) = live.reference {

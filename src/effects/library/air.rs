@@ -64,7 +64,6 @@ pub(crate) static TRACKER_SCALE: Effect = Effect {
 /// Along the beam: `c (T - 20) (range + q)`; of all instruments that measure by light, or only of one kind, or (additions
 /// of before) only of those with (true) or without (false) a station.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct DeadPath {
     pub signal: Signal,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -92,16 +91,8 @@ impl Form for DeadPath {
         out[1] = line * dt;
     }
 
-    fn columns(&self) -> Vec<String> {
-        plain(&["t_s"])
-    }
-
     fn drawing(&self) -> Drawing {
         Drawing::from(Over::Range).scaled(Weight::Warmth(self.signal.clone(), REFERENCE_DEGC))
-    }
-
-    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
-        Err(OF_THE_INSTRUMENT)
     }
 
     fn signals(&self) -> Vec<&Signal> {
@@ -111,7 +102,6 @@ impl Form for DeadPath {
 
 /// Along the line from station to target: `c range`, or `c range (T - 20)`; with a wrong zero of the range, too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct TrackerScale {
     pub signal: Option<Signal>,
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
@@ -140,20 +130,12 @@ impl Form for TrackerScale {
         }
     }
 
-    fn columns(&self) -> Vec<String> {
-        plain(&["t_s"])
-    }
-
     fn drawing(&self) -> Drawing {
         let drawing = Drawing::from(Over::Range);
         match &self.signal {
             Some(signal) => drawing.scaled(Weight::Warmth(signal.clone(), REFERENCE_DEGC)),
             None => drawing,
         }
-    }
-
-    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
-        Err(OF_THE_INSTRUMENT)
     }
 
     fn signals(&self) -> Vec<&Signal> {

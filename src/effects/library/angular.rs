@@ -50,7 +50,6 @@ pub(crate) static ANGULAR: Effect = Effect {
 /// `d = eps x lever` about one direction, `eps = SUM e_k p_k(x)` zero at the zero of the axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Angular {
     pub about: Axis,
     pub over: Axis,

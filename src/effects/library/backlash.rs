@@ -74,7 +74,6 @@ fn grid(axis: Axis, along: &[Axis], slope: bool) -> [Shape; 6] {
 /// `d_along = -w/2 dir (1 - exp(-s/length))`, times `1 + g x` where it has a slope.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Backlash {
     pub axis: Axis,
     pub along: Vec<Axis>,
@@ -161,7 +160,6 @@ impl Form for Backlash {
 
 /// `-w/2 dir` about the axis itself, times the radius.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct RotaryBacklash {
     pub frame: RotaryFrame,
 }

@@ -36,16 +36,4 @@ impl Form for BallbarLength {
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         out[0] = if m.is_ballbar { m.u } else { Vec3::zeros() };
     }
-
-    fn columns(&self) -> Vec<String> {
-        plain(&["t_s"])
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Time.into()
-    }
-
-    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
-        Err(OF_THE_INSTRUMENT)
-    }
 }

@@ -48,7 +48,6 @@ pub(crate) static SAG: Effect = Effect {
 /// Bending of a cantilever: `d_z = w s^2 (3 L - s)/(2 L^3)`, `s = x - start`, and its slope times the tool length.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Sag {
     pub axis: Axis,
     pub start_mm: f64,
@@ -129,7 +128,6 @@ impl Form for Sag {
 /// the slope of that times the lever to the tool; with a moment at its end, too, `w3 s^2`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Ram {
     pub axis: Axis,
     pub start_mm: f64,

@@ -78,7 +78,6 @@ fn polynomials(data: &Data, along: Axis, over: Axis, degrees: &[usize]) -> Vec<S
 /// `d_along = SUM c_k P_k((x_over - centre)/half)`, Legendre polynomials of degree low..high.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Polynomial {
     pub along: Axis,
     pub over: Axis,
@@ -102,14 +101,6 @@ impl Form for Polynomial {
         for (o, v) in out.iter_mut().zip(&values[self.low..=self.high]) {
             *o = unit(self.along.direction()) * *v;
         }
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.over.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.over).into()
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
@@ -137,7 +128,6 @@ impl Form for Polynomial {
 /// at the ends, which the others determine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct PositionTable {
     pub axis: Axis,
     pub targets_mm: Vec<f64>,
@@ -167,14 +157,6 @@ impl Form for PositionTable {
         }
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.axis).into()
-    }
-
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         displacements(model, entry, self.axis, Sampling::At(&self.targets_mm))
     }
@@ -202,7 +184,6 @@ impl Form for PositionTable {
 /// A curve with values of its own in each direction of travel: `d_a = SUM p_k P_k(s) - dir/2 SUM r_k P_k(s)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Reverse {
     pub axis: Axis,
     pub high: usize,

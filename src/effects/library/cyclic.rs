@@ -2,42 +2,13 @@
 
 use crate::prelude::*;
 
-/// Pitches of screws, racks and scales, mm.
-const PITCHES: [f64; 33] = [
-    0.008,
-    0.01,
-    0.02,
-    0.04,
-    0.1,
-    0.2,
-    0.5,
-    1.0,
-    2.0,
-    2.5,
-    2.54,
-    3.0,
-    PI,
-    4.0,
-    5.0,
-    5.08,
-    6.0,
-    2.0 * PI,
-    6.35,
-    8.0,
-    3.0 * PI,
-    10.0,
-    12.0,
-    4.0 * PI,
-    12.7,
-    15.0,
-    16.0,
-    20.0,
-    25.0,
-    25.4,
-    30.0,
-    32.0,
-    40.0,
+/// Pitches of screws and scales, mm.
+const PITCHES: [f64; 29] = [
+    0.008, 0.01, 0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 2.5, 2.54, 3.0, 4.0, 5.0, 5.08, 6.0, 6.35, 8.0, 10.0,
+    12.0, 12.7, 15.0, 16.0, 20.0, 25.0, 25.4, 30.0, 32.0, 40.0,
 ];
+/// Modules of racks, mm: their pitch is pi times that.
+const MODULES: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
 /// Steps shorter than a quarter of a period that show it.
 const FINE_STEPS: usize = 24;
 /// Longest pitch, as a share of half the range.
@@ -67,7 +38,9 @@ pub(crate) static CYCLIC: Effect = Effect {
         // some of the positions must lie close together, wherever
         let step = steps.get(FINE_STEPS).copied().unwrap_or(f64::INFINITY);
         let seen = |p: &f64| *p < LONGEST * 0.5 * (high - low) && *p > 4.0 * step;
-        let shapes: Vec<Shape> = PITCHES
+        let mut pitches = [&PITCHES[..], &MODULES.map(|m| m * PI)].concat();
+        pitches.sort_by(f64::total_cmp);
+        let shapes: Vec<Shape> = pitches
             .into_iter()
             .filter(seen)
             .flat_map(|p| [(p, 1), (p, 2)])
@@ -83,7 +56,6 @@ pub(crate) static CYCLIC: Effect = Effect {
 /// `SUM c_n cos(2 pi n x/pitch) - c_n + s_n sin(2 pi n x/pitch)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Cyclic {
     pub axis: Axis,
     pub along: Axis,
@@ -107,10 +79,6 @@ impl Form for Cyclic {
             let (s, c) = (phase * (n + 1) as f64).sin_cos();
             (out[2 * n], out[2 * n + 1]) = (along * (c - 1.0), along * s);
         }
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.column()]
     }
 
     fn drawing(&self) -> Drawing {

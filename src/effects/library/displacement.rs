@@ -88,7 +88,6 @@ pub(crate) static AMBIENT_DRIFT: Effect = Effect {
 
 /// `d = SUM k_i (s_i - s_0)` along the directions listed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Growth {
     pub signals: Vec<Signal>,
     pub along: Vec<Axis>,

@@ -43,7 +43,6 @@ pub(crate) static THERMAL_EXPANSION: Effect = Effect {
 /// `d_a = alpha (T - T0) x_a`, and `k (T - T0)` where the reference is not at zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Thermal {
     pub axis: Axis,
     pub signal: Signal,

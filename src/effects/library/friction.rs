@@ -56,7 +56,6 @@ pub(crate) static REVERSAL_SPIKE: Effect = Effect {
 /// `d_a = h dir (exp(-t/fall) - exp(-t/rise))` while the axis moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Spike {
     pub axis: Axis,
     pub rise_s: f64,
@@ -141,7 +140,6 @@ impl Form for Spike {
 
 /// Friction that the servo lags behind by while the axis moves: `d_a = -h tanh(v/v0)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Friction {
     pub axis: Axis,
 }

@@ -83,7 +83,6 @@ fn accelerates(data: &Data, axis: Axis) -> Result<bool, crate::data::Hidden> {
 
 /// `d_along = k a_axis`, and `k' a_axis x_axis` where it has a slope.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Inertial {
     pub axis: Axis,
     pub along: Axis,
@@ -129,7 +128,6 @@ impl Form for Inertial {
 
 /// `d = k a_axis (e_about x lever)` for each direction listed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct InertialTilt {
     pub axis: Axis,
     pub about: Vec<Axis>,

@@ -103,7 +103,6 @@ pub(crate) static CLOCK_SKEW: Effect = Effect {
 /// velocity behind the loop (`tau w' + u = v`, `inner u' + u = w`): `tau = 1 / Kv`, `inner` the lag of the velocity loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Lag {
     pub axes: Vec<Axis>,
     pub tie_ms: f64,
@@ -212,7 +211,6 @@ impl Form for Lag {
 
 /// `-tau omega` about the axis itself, times the radius.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct RotaryLag {
     pub frame: RotaryFrame,
 }
@@ -245,7 +243,6 @@ impl Form for RotaryLag {
 /// Delay and drift of the clock of each file: `-v (d + r (t - start))`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct ClockSkew {
     pub files: Vec<usize>,
     pub start_s: Vec<f64>,
@@ -275,15 +272,7 @@ impl Form for ClockSkew {
         }
     }
 
-    fn columns(&self) -> Vec<String> {
-        plain(&["t_s"])
-    }
-
     fn drawing(&self) -> Drawing {
         Over::VelocityAlongU.into()
-    }
-
-    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
-        Err(OF_THE_INSTRUMENT)
     }
 }

@@ -32,7 +32,6 @@ pub(crate) static LOAD: Effect = Effect {
 
 /// `d_along = c sign(F) |F|^power` of one axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Load {
     pub axis: Axis,
     pub along: Axis,

@@ -2,6 +2,8 @@
 //!
 //! The two lists below are the only ones: a formula stands in the first, an effect in the second.
 
+#![expect(missing_docs, reason = "the fields of a formula are its symbols, which its first line explains")]
+
 mod air;
 mod angular;
 mod backlash;
@@ -35,7 +37,6 @@ macro_rules! shapes {
         /// A formula with its non-linear parameters.
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "form", rename_all = "kebab-case")]
-        #[expect(missing_docs, reason = "each variant holds the formula of the same name, which says what it is")]
         pub enum Shape {
             $($form($file::$form),)*
         }

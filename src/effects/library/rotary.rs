@@ -81,7 +81,6 @@ pub(crate) static ROTARY_ECCENTRICITY: Effect = Effect {
 
 /// Two shifts and two tilts of a rotary axis; no deviation at zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct RotaryLocation {
     pub frame: RotaryFrame,
     /// What the axis carries is wrong with it, at its zero, too (equations 1.9); shifts then show only on an axis that
@@ -129,14 +128,6 @@ impl Form for RotaryLocation {
         }
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![self.frame.axis.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.frame.axis).into()
-    }
-
     fn becomes(&self, _: &Extended, entry: &Entry) -> Becomes {
         let [b, c] = self.across();
         let places = [b, c, b + 3, c + 3];
@@ -158,7 +149,6 @@ impl Form for RotaryLocation {
 /// Harmonics of the rotation: shifts `cos(n q) - 1`, `sin(n q)` along the directions listed, of the machine or of what the
 /// axis stands on (with `frame`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct RotaryMotion {
     pub axis: Axis,
     pub along: Vec<Axis>,
@@ -195,14 +185,6 @@ impl Form for RotaryMotion {
         }
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.axis).into()
-    }
-
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         displacements(model, entry, self.axis, Sampling::Even)
     }
@@ -218,7 +200,6 @@ impl Form for RotaryMotion {
 
 /// Angular error `SUM c_n (cos n q - 1) + s_n sin n q` about the axis itself, times the radius.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct RotaryEccentricity {
     pub frame: RotaryFrame,
     #[serde(default = "one", skip_serializing_if = "is_one")]
@@ -251,14 +232,6 @@ impl Form for RotaryEccentricity {
             let (s, c) = ((n + 1) as f64 * m.position[self.frame.axis.slot()]).sin_cos();
             (out[2 * n], out[2 * n + 1]) = (arm * (c - 1.0), arm * s);
         }
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.frame.axis.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.frame.axis).into()
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {

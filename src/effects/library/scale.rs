@@ -28,7 +28,6 @@ pub(crate) static SCALE: Effect = Effect {
 
 /// `d_a = s x_a`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Scale {
     pub axis: Axis,
 }
@@ -40,14 +39,6 @@ impl Form for Scale {
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         out[0] = unit(self.axis.direction()) * (m.position[self.axis.slot()] * 1e-3);
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.axis).into()
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
@@ -65,7 +56,6 @@ impl Form for Scale {
 
 /// `s q` about the axis itself, times the radius.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct RotaryScale {
     pub frame: RotaryFrame,
 }
@@ -77,14 +67,6 @@ impl Form for RotaryScale {
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         out[0] = self.frame.um_per_rad(m) * (1e-6 * m.position[self.frame.axis.slot()]);
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.frame.axis.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.frame.axis).into()
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {

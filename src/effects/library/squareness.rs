@@ -43,7 +43,6 @@ pub fn symbol(pair: &str) -> Option<(&'static str, f64)> {
 
 /// `d_along = angle x_over`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Squareness {
     pub along: Axis,
     pub over: Axis,
@@ -56,14 +55,6 @@ impl Form for Squareness {
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         out[0] = unit(self.along.direction()) * (UM_PER_ARCSEC_MM * m.position[self.over.slot()]);
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.over.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.over).into()
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {

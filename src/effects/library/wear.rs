@@ -59,7 +59,6 @@ pub(crate) static WEAR: Effect = Effect {
 /// `h exp(-|(x - centre)/width|^power / 2)`, its limit, without an order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(missing_docs, reason = "the symbols of the formula")]
 pub struct Wear {
     pub axis: Axis,
     pub centre_mm: f64,
@@ -90,14 +89,6 @@ impl Form for Wear {
         let s = ((m.position[self.axis.slot()] - self.centre_mm) / self.width_mm).abs().powf(self.power);
         let with_end = |order: f64| (1.0 - 0.5 * s / order).max(0.0).powf(order);
         out[0] = unit(self.axis.direction()) * self.order.map_or_else(|| (-0.5 * s).exp(), with_end);
-    }
-
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.column()]
-    }
-
-    fn drawing(&self) -> Drawing {
-        Over::Position(self.axis).into()
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {

@@ -281,9 +281,7 @@ impl Lane {
         (determinant > 1e-9 * n * n)
             .then(|| [(uu * d - u * ud) / determinant, (n * ud - u * d) / determinant])
     }
-}
 
-impl Lane {
     /// Offset and slope that make a straightness zero at both ends of the travel, let roll rise by `roll_rise`, and make
     /// every angle zero at `home`.
     fn ends(&self, home: f64, roll_rise: f64) -> Option<[f64; 2]> {

@@ -61,7 +61,7 @@ pub struct Request<'a> {
 }
 
 /// The corrected program and what is to be said about it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Corrected {
     /// The program.
     pub text: String,
@@ -106,15 +106,7 @@ pub fn correct(text: &str, request: &Request<'_>) -> Result<Corrected, ProgramEr
         motion: None,
         work: None,
         line: 0,
-        out: Corrected {
-            text: String::with_capacity(2 * text.len()),
-            blocks: 0,
-            blocks_out: 0,
-            largest: [0.0; MAX_AXES],
-            rest: Vec3::zeros(),
-            rest_line: 0,
-            held: [None; MAX_AXES],
-        },
+        out: Corrected { text: String::with_capacity(2 * text.len()), ..Corrected::default() },
         begun: false,
         next_tool: None,
         tool: None,

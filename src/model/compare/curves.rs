@@ -108,9 +108,7 @@ fn difference(pair: &Pair<'_>, symbol: ErrorSymbol) -> Option<ErrorDifference> {
 
 fn same_sense(pair: &Pair<'_>, axis: AxisName) -> bool {
     let [a, b] = pair.specs.map(|s| (s.axis(axis).sense, s.is_workpiece_side(axis), s.axis(axis).travel));
-    let grids =
-        pair.specs.iter().any(|s| s.errors.iter().any(|(s, f)| s.axis() == axis && !f.grids.is_empty()));
-    a == b && !grids
+    a == b && !has_grids(pair, axis)
 }
 
 /// The six differences of an axis in relative sense at every sample, both directions of travel, other axes of

@@ -129,46 +129,32 @@ impl<'a> Pair<'a> {
     }
 }
 
+/// Both values where they differ.
+fn changed<T: Clone + PartialEq>(a: &T, b: &T) -> Option<[T; 2]> {
+    (a != b).then(|| [a.clone(), b.clone()])
+}
+
 fn changes([a, b]: [&ModelSpec; 2]) -> Vec<Change> {
-    let mut out = Vec::new();
-    if a.machine != b.machine {
-        out.push(Change::Machine([a.machine.clone(), b.machine.clone()]));
-    }
-    if a.chain != b.chain {
-        out.push(Change::Chain([a.chain.clone(), b.chain.clone()]));
-    }
-    if a.workpiece_origin != b.workpiece_origin {
-        out.push(Change::WorkpieceOrigin([a.workpiece_origin, b.workpiece_origin]));
-    }
-    if a.tool_tip != b.tool_tip {
-        out.push(Change::ToolTip([a.tool_tip, b.tool_tip]));
-    }
-    if a.gauge_point != b.gauge_point {
-        out.push(Change::GaugePoint([a.gauge_point, b.gauge_point]));
-    }
-    if a.tool != b.tool {
-        out.push(Change::Tool([a.tool, b.tool]));
-    }
-    if a.datum != b.datum {
-        out.push(Change::Datum([a.datum.clone(), b.datum.clone()]));
-    }
+    let whole = [
+        changed(&a.machine, &b.machine).map(Change::Machine),
+        changed(&a.chain, &b.chain).map(Change::Chain),
+        changed(&a.workpiece_origin, &b.workpiece_origin).map(Change::WorkpieceOrigin),
+        changed(&a.tool_tip, &b.tool_tip).map(Change::ToolTip),
+        changed(&a.gauge_point, &b.gauge_point).map(Change::GaugePoint),
+        changed(&a.tool, &b.tool).map(Change::Tool),
+        changed(&a.datum, &b.datum).map(Change::Datum),
+    ];
+    let mut out: Vec<Change> = whole.into_iter().flatten().collect();
     for entry in a.chain.axes().iter().filter(|x| b.chain.index_of(x.name).is_some()) {
         let axis = entry.name;
         let (x, y) = (a.axis(axis), b.axis(axis));
-        if x.travel != y.travel {
-            out.push(Change::Travel { axis, values: [x.travel, y.travel] });
-        }
-        if x.point != y.point {
-            out.push(Change::AxisPoint { axis, values: [x.point, y.point] });
-        }
-        if x.sense != y.sense {
-            out.push(Change::Sense { axis, values: [x.sense, y.sense] });
-        }
-        for i in 0..3 {
-            let values = [x.reference_points[i], y.reference_points[i]];
-            if values[0] != values[1] {
-                out.push(Change::Reference { axis, component: Component::ALL[i], values });
-            }
+        out.extend(changed(&x.travel, &y.travel).map(|values| Change::Travel { axis, values }));
+        out.extend(changed(&x.point, &y.point).map(|values| Change::AxisPoint { axis, values }));
+        out.extend(changed(&x.sense, &y.sense).map(|values| Change::Sense { axis, values }));
+        for ((component, x), y) in
+            Component::ALL.into_iter().zip(&x.reference_points).zip(&y.reference_points)
+        {
+            out.extend(changed(x, y).map(|values| Change::Reference { axis, component, values }));
         }
     }
     out

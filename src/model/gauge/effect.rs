@@ -38,6 +38,7 @@ pub(super) struct Layout<'a> {
 }
 
 /// Displacement by removed parts: `turn x V + constant + SUM q_j tilt_j`.
+#[derive(Default)]
 struct Field {
     turn: Vec3,
     constant: Vec3,
@@ -97,8 +98,7 @@ impl<'a> Layout<'a> {
             return rotary_value(joint, component, amount);
         }
         let i = component.index();
-        let mut field =
-            Field { turn: Vec3::zeros(), constant: Vec3::zeros(), tilt: [Vec3::zeros(); MAX_AXES] };
+        let mut field = Field::default();
         if component.is_angle() {
             let turn = unit(i - 3) * amount;
             field.turn = turn;
@@ -122,8 +122,7 @@ impl<'a> Layout<'a> {
 
     /// Where the slope of a straightness goes.
     pub(super) fn effect_of_slope(&self, k: usize, component: Component, slope: f64) -> Effect {
-        let mut field =
-            Field { turn: Vec3::zeros(), constant: Vec3::zeros(), tilt: [Vec3::zeros(); MAX_AXES] };
+        let mut field = Field::default();
         let i = component.index();
         field.tilt[k][i] = slope;
         field.constant[i] = -slope * self.reference.position[k];

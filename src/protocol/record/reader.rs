@@ -68,7 +68,7 @@ impl fmt::Display for Note {
 }
 
 /// A file with its blocks found.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Recording<'a> {
     /// What the file says about itself.
     pub meta: Meta,
@@ -95,16 +95,7 @@ impl<'a> Recording<'a> {
     pub fn parse(file: &'a [u8]) -> Result<Self, RecordError> {
         block::check_file_header(file)?;
         let mut meta = None;
-        let mut found = Self {
-            meta: Meta::default(),
-            models: Vec::new(),
-            machine: None,
-            health: Vec::new(),
-            notes: Vec::new(),
-            closed: false,
-            index_end: None,
-            entries: Vec::new(),
-        };
+        let mut found = Self::default();
         let mut at = FILE_HEADER;
         while at < file.len() {
             let rest = &file[at..];

@@ -58,7 +58,7 @@ impl Survey {
         Self(axes)
     }
 
-    fn row(&mut self, value: impl Fn(usize) -> f64) {
+    fn widen(&mut self, value: impl Fn(usize) -> f64) {
         for seen in self.0.values_mut() {
             let Some(v) = seen.desired.map(&value).filter(|v| v.is_finite()) else { continue };
             let range = seen.range.get_or_insert([v, v]);
@@ -203,7 +203,7 @@ pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, F
     if args.axes.is_empty() {
         let mut table = table::open(path)?;
         while table.advance()? {
-            survey.row(|c| table.number_or_empty(c).unwrap_or(f64::NAN));
+            survey.widen(|c| table.number_or_empty(c).unwrap_or(f64::NAN));
         }
     }
     let (axes, mut notes) = chosen(args, &survey);
@@ -230,20 +230,14 @@ pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, F
     Ok(following.finish("capture of a SINUMERIK Edge as a table".to_owned(), notes, "clock of the control"))
 }
 
-/// Looks at the axes of a capture.
-#[derive(Default)]
-struct Surveyor {
-    survey: Survey,
-}
-
-impl Sink for Surveyor {
+impl Sink for Survey {
     fn header(&mut self, header: &Header) -> bool {
-        self.survey = Survey::of(header.signals.iter().map(|s| (s.name.as_str(), s.axis.as_str())));
+        *self = Self::of(header.signals.iter().map(|s| (s.name.as_str(), s.axis.as_str())));
         true
     }
 
     fn row(&mut self, row: Row<'_>) -> bool {
-        self.survey.row(|c| row.values.get(c).copied().unwrap_or(f64::NAN));
+        self.widen(|c| row.values.get(c).copied().unwrap_or(f64::NAN));
         true
     }
 }
@@ -270,10 +264,10 @@ pub(super) fn json(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
             ReadError::Format(e) => crate::positioning_data::format_failure(&path.display().to_string(), &e),
         })
     };
-    let mut surveyor = Surveyor::default();
-    let summary = read(&mut surveyor)?;
-    let (axes, notes) = chosen(args, &surveyor.survey);
-    let mut following = Following::new(path, args.only, surveyor.survey.channels(path, &axes)?);
+    let mut survey = Survey::default();
+    let summary = read(&mut survey)?;
+    let (axes, notes) = chosen(args, &survey);
+    let mut following = Following::new(path, args.only, survey.channels(path, &axes)?);
     read(&mut following)?;
     let machine = summary.header.machine().map_or_else(String::new, |m| format!(" ({m})"));
     let clock = format!("a row every {} ms", summary.header.cycle_ms);

@@ -112,6 +112,7 @@ struct Anchor {
 type Put<'a> = dyn FnMut(&dyn Fn() -> String, Kind, Cell) + 'a;
 
 /// Turns entries into rows.
+#[derive(Default)]
 pub(super) struct Rows {
     config: Option<MachineConfig>,
     sensors: Sensors,
@@ -129,19 +130,7 @@ pub(super) struct Rows {
 
 impl Rows {
     pub(super) fn new(config: Option<MachineConfig>, sensors: Sensors) -> Self {
-        let mut rows = Self {
-            config,
-            sensors,
-            axes: Vec::new(),
-            columns: Vec::new(),
-            cells: Vec::new(),
-            first: None,
-            anchor: None,
-            last_control_ns: 0,
-            t_s: 0.0,
-            tool: None,
-            links: 0,
-        };
+        let mut rows = Self { config, sensors, ..Self::default() };
         rows.columns = rows.names();
         rows
     }
