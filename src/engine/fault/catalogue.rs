@@ -378,6 +378,15 @@ pub const CATALOGUE: &[Entry] = &[
         remedy: "compare [link.tls] with the certificates of the control: docs/how-to/tls.md",
     },
     Entry {
+        code: Code(6008),
+        name: "cycle-time",
+        severity: Warning,
+        text: "position frames come at another interval than the control announces",
+        cause: "for 6 s the interval differed by more than 10 %, by this computer's clock or by the control's time stamps: its cycle time is not the one that it announces",
+        reaction: "compensation goes on; limits, ramps and look-ahead go by the control's time stamps: where those are wrong, rates are wrong by the same factor",
+        remedy: "compare the interval in the log with cycle-ms; correct the cycle time of the control, then cycle-ms; nothing for a simulated control in lock step",
+    },
+    Entry {
         code: Code(7001),
         name: "records-lost",
         severity: Warning,

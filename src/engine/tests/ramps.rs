@@ -58,6 +58,31 @@ fn a_ramp_steeper_than_the_limits_is_limited() {
 }
 
 #[test]
+fn frames_faster_than_announced_keep_the_limits_in_the_time_of_their_stamps() {
+    let limits = AxisLimits { rate: 0.1, acceleration: 2.0, ..LIMITS };
+    let mut world = World::new(&EngineConfig { ramp_s: 0.01, limits: vec![limits; 3], ..config() });
+    world.engine.on_command(world.now, Command::Enable);
+    // a quarter of the announced cycle
+    let (dt, mut before, mut velocity) = (CYCLE_S / 4.0, 0.0, 0.0);
+    for k in 0..8000 {
+        if k == 4000 {
+            world.engine.on_command(world.now, Command::Disable);
+        }
+        world.now = world.now.plus_seconds(dt);
+        world.frame.sequence += 1;
+        world.frame.control_ns += 250_000;
+        world.frame.applied = world.last.offset;
+        let offset = world.send().offset[0];
+        let rate = (offset - before) / dt;
+        assert!(rate.abs() <= limits.rate * 1.000_001, "{rate} mm/s in frame {k}");
+        assert!((rate - velocity).abs() <= limits.acceleration * dt * 1.000_1, "{velocity} to {rate} mm/s");
+        (before, velocity) = (offset, rate);
+        assert!(k != 3999 || world.last.state == State::Active && offset == -0.010, "{offset}");
+    }
+    assert_eq!((world.last.state, before), (State::Off, 0.0));
+}
+
+#[test]
 fn a_ramp_that_begins_while_the_offset_moves_is_not_limited_either() {
     // 10 um per 100 mm; the offset changes by 10 um/s at 100 mm/s
     for (rate, acceleration) in USUAL {
