@@ -188,6 +188,10 @@ pub(super) struct Progress {
     pub(super) lagging: AtomicU64,
     /// Cycles in which the control held an offset of an axis that the machine file does not list.
     pub(super) unlisted: AtomicU64,
+    /// Cycles in which the interval between frames was not the announced cycle time.
+    pub(super) off_cycle: AtomicU64,
+    /// That interval, ns.
+    pub(super) interval_ns: AtomicI64,
     /// Mean times of calls to a control that is read and written by calls, ns; 0 where there are none.
     pub(super) read_ns: AtomicI64,
     pub(super) write_ns: AtomicI64,

@@ -18,6 +18,7 @@ use super::age::AgeEstimator;
 use super::channels::{CycleRecord, Progress, Report};
 use super::clock::Clock;
 use super::control::{Control, Stop};
+use super::cycle_time::CycleTimeMonitor;
 use super::link::{ControlLink, Received};
 use super::link_end::LinkEnd;
 use super::link_session::{LinkSession, Reaction};
@@ -50,6 +51,7 @@ pub(super) struct Cycle<'a> {
     pub(super) clock: Clock,
     pub(super) limits: &'a LinkConfig,
     pub(super) ages: AgeEstimator,
+    pub(super) cycle_time: CycleTimeMonitor,
     /// Position frames of this link.
     pub(super) cycles: u64,
 }
@@ -225,6 +227,12 @@ impl Cycle<'_> {
         let lock_step = self.control.live.as_ref().is_some_and(LiveEnd::is_in_lock_step);
         if lock_step {
             self.live(received, &frame);
+        }
+        // a simulated control that waits for the estimator has no pace of its own
+        if let Some(interval_ns) = self.cycle_time.look(received, &frame).filter(|_| !lock_step) {
+            let progress = &self.control.channels.progress;
+            progress.interval_ns.store(interval_ns, Relaxed);
+            Progress::add(&progress.off_cycle, 1);
         }
         let unlisted = self.session.has_unlisted_offset(&frame.applied);
         Progress::add(&self.control.channels.progress.unlisted, u64::from(unlisted));

@@ -42,6 +42,7 @@ mod connection;
 mod control;
 mod counters;
 mod cycle;
+mod cycle_time;
 mod daemon;
 mod frame_link;
 mod handshake;

@@ -7,6 +7,7 @@ use tracing::warn;
 
 use super::channels::Progress;
 use super::logging::LogLimiter;
+use super::recent::interval;
 use volcomp_engine::fault::Code;
 use volcomp_units::MonoTime;
 
@@ -29,7 +30,7 @@ struct Counted {
 /// Looks after all of them.
 #[derive(Debug)]
 pub(super) struct RateLimitedWarnings {
-    counted: [Counted; 7],
+    counted: [Counted; 8],
     /// Beginning of the present window, with cycles and late cycles until then.
     window: (MonoTime, u64, u64),
     late: LogLimiter,
@@ -50,6 +51,7 @@ impl RateLimitedWarnings {
                 counted(Code::CONTROL_LIMITED, |p| &p.control_limited),
                 counted(Code::OFFSET_BEHIND, |p| &p.lagging),
                 counted(Code::UNLISTED_OFFSET, |p| &p.unlisted),
+                counted(Code::CYCLE_TIME, |p| &p.off_cycle),
             ],
             window: (now, 0, 0),
             late: LogLimiter::new(1, PAUSE),
@@ -62,7 +64,7 @@ impl RateLimitedWarnings {
     /// Logs entries that the recording has lost; `lost` counts from the start. Returns those lost since the last call.
     pub(super) fn look_at_recording(&mut self, now: MonoTime, lost: u64) -> u64 {
         if lost > self.records_lost && self.records.admit(now).is_some() {
-            warn_about(Code::RECORDS_LOST, lost - self.records_lost);
+            warn_about(Code::RECORDS_LOST, lost - self.records_lost, None);
             self.records_lost = lost;
         }
         let new = lost.saturating_sub(self.records_seen);
@@ -75,7 +77,8 @@ impl RateLimitedWarnings {
         for counted in &mut self.counted {
             let count = (counted.counter)(progress).load(Relaxed);
             if count > counted.seen && counted.lines.admit(now).is_some() {
-                warn_about(counted.code, count - counted.seen);
+                let numbers = (counted.code == Code::CYCLE_TIME).then(|| interval(progress));
+                warn_about(counted.code, count - counted.seen, numbers.as_deref());
                 counted.seen = count;
             }
         }
@@ -89,13 +92,13 @@ impl RateLimitedWarnings {
             return 0;
         }
         if self.late.admit(now).is_some() {
-            warn_about(Code::LATE_CYCLES, late);
+            warn_about(Code::LATE_CYCLES, late, None);
         }
         late
     }
 }
 
-fn warn_about(code: Code, cycles: u64) {
+fn warn_about(code: Code, cycles: u64, numbers: Option<&str>) {
     let text = code.entry().map_or("", |entry| entry.text);
-    warn!(cycles, code = %code, "{text}");
+    warn!(cycles, numbers, code = %code, "{text}");
 }

@@ -25,6 +25,8 @@ const WINDOW_S: f64 = SLOT_S * (SLOTS - 1) as f64;
 const EVENTS: usize = 32;
 /// Nanoseconds in a microsecond.
 const NS_PER_US: f64 = 1e3;
+/// Nanoseconds in a millisecond.
+const NS_PER_MS: f64 = 1e6;
 /// Kinds of latency: age, round trip, computation.
 const KINDS: usize = 3;
 
@@ -139,11 +141,16 @@ pub(super) fn is_counted_per_cycle(code: Code) -> bool {
     code == Code::LATE_CYCLES || COUNTERS.iter().any(|(_, counted)| *counted == Some(code))
 }
 
+/// The interval between frames that is not the announced one, in words.
+pub(super) fn interval(progress: &Progress) -> String {
+    format!("{:.3} ms between position frames", progress.interval_ns.load(Relaxed) as f64 / NS_PER_MS)
+}
+
 /// A counter of the cycle thread.
 type Counter = fn(&Progress) -> &AtomicU64;
 
 /// Counters whose increments are counted; those with a number appear among the warnings.
-const COUNTERS: [(Counter, Option<Code>); 10] = [
+const COUNTERS: [(Counter, Option<Code>); 11] = [
     (|p| &p.cycles, None),
     (|p| &p.late, None),
     (|p| &p.skipped, None),
@@ -154,6 +161,7 @@ const COUNTERS: [(Counter, Option<Code>); 10] = [
     (|p| &p.control_limited, Some(Code::CONTROL_LIMITED)),
     (|p| &p.lagging, Some(Code::OFFSET_BEHIND)),
     (|p| &p.unlisted, Some(Code::UNLISTED_OFFSET)),
+    (|p| &p.off_cycle, Some(Code::CYCLE_TIME)),
 ];
 
 impl Slot {
@@ -218,7 +226,8 @@ impl Recent {
         }
         for ((_, code), count) in COUNTERS.iter().zip(new) {
             if let (Some(code), 1..) = (code, count) {
-                self.count(now, *code, count, None);
+                let numbers = (*code == Code::CYCLE_TIME).then(|| interval(progress));
+                self.count(now, *code, count, numbers);
             }
         }
     }

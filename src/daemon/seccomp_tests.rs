@@ -27,6 +27,7 @@ use super::clock::Clock;
 use super::connection::{Connecting, Connection};
 use super::control::Control;
 use super::cycle::Cycle;
+use super::cycle_time::CycleTimeMonitor;
 use super::link::{ControlLink, driver};
 use super::link_end::LinkEnd;
 use super::link_session::LinkSession;
@@ -328,6 +329,7 @@ impl Stage {
             clock: self.clock,
             limits: &self.loaded.config.link,
             ages: AgeEstimator::new(),
+            cycle_time: CycleTimeMonitor::new(1e-3),
             cycles: 0,
         }
         .run(link)

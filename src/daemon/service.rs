@@ -110,7 +110,8 @@ impl Service {
         let retained = RetentionState::new(tally.retained());
         let gain = config.engine.gain;
         let config = Arc::new(config.clone());
-        let status_collector = StatusCollector::new(loaded, Arc::clone(&channels.progress), clock)?;
+        let mut status_collector = StatusCollector::new(loaded, Arc::clone(&channels.progress), clock)?;
+        status_collector.model(&models.active.spec);
         let mut service = Self {
             models,
             config,
@@ -229,6 +230,7 @@ impl Service {
         info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
         self.expired_accepted = false;
         self.benefit.reset();
+        self.status_collector.model(&new.spec);
         if let Some(sensors) = &self.sensors {
             sensors.model(&new);
         }

@@ -23,6 +23,7 @@ use super::status::{
 use volcomp_config::AxisConfig;
 use volcomp_engine::fault::{self, Code, Entry};
 use volcomp_engine::{Detail, Event, Quantity, Reason, ShadowScore, State};
+use volcomp_model::ModelSpec;
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
@@ -33,7 +34,7 @@ struct Latched {
     code: String,
     reason: &'static str,
     text: &'static str,
-    detail: Option<Detail>,
+    numbers: Option<String>,
     since: MonoTime,
 }
 
@@ -41,6 +42,8 @@ struct Latched {
 #[derive(Debug)]
 pub(super) struct StatusCollector {
     loaded: Arc<Loaded>,
+    /// The model in use.
+    spec: ModelSpec,
     progress: Arc<Progress>,
     clock: Clock,
     hello: Option<ControlHello>,
@@ -49,7 +52,7 @@ pub(super) struct StatusCollector {
     links: u64,
     error: Option<(Code, String)>,
     entered: MonoTime,
-    reason: Option<(&'static Entry, Option<Detail>)>,
+    reason: Option<(&'static Entry, Option<String>)>,
     last: Option<CycleRecord>,
     latency: Latency,
     fault: Option<Latched>,
@@ -63,6 +66,7 @@ impl StatusCollector {
         clock: Clock,
     ) -> Result<Self, CreationError> {
         Ok(Self {
+            spec: loaded.spec.clone(),
             loaded,
             progress,
             clock,
@@ -78,6 +82,11 @@ impl StatusCollector {
             fault: None,
             realtime: RealtimeStatus::default(),
         })
+    }
+
+    /// Another model is in use.
+    pub(super) fn model(&mut self, spec: &ModelSpec) {
+        self.spec = spec.clone();
     }
 
     pub(super) fn realtime(&mut self, report: &RealtimeReport) {
@@ -107,26 +116,28 @@ impl StatusCollector {
     pub(super) fn event(&mut self, event: &Event) {
         let Event::StateChanged { reason, detail, .. } = event;
         self.entered = self.clock.now();
-        self.reason = Some((fault::of_reason(*reason), *detail));
+        // in words at once: another model has another travel
+        let numbers = self.numbers(detail.as_ref());
+        let entry = fault::of_reason(*reason);
+        self.reason = Some((entry, numbers.clone()));
         match event {
-            Event::StateChanged { to: State::Faulted, reason, detail, .. } => {
-                let entry = fault::of_reason(*reason);
-                self.latch(entry.code.to_string(), entry.name, entry.text, *detail);
+            Event::StateChanged { to: State::Faulted, .. } => {
+                self.latch(entry.code.to_string(), entry.name, entry.text, numbers);
             }
             Event::StateChanged { .. } => self.fault = None,
         }
     }
 
-    /// A fault of the run before is still latched.
-    pub(super) fn latched_before(&mut self, code: &str) {
+    /// A fault of the run before is still latched, with its numbers as they were shown then.
+    pub(super) fn latched_before(&mut self, code: &str, numbers: Option<String>) {
         let (name, text) = Code::parse(code)
             .and_then(Code::entry)
             .map_or(("unknown", "a fault of another version of volcomp"), |entry| (entry.name, entry.text));
-        self.latch(code.to_owned(), name, text, None);
+        self.latch(code.to_owned(), name, text, numbers);
     }
 
-    fn latch(&mut self, code: String, reason: &'static str, text: &'static str, detail: Option<Detail>) {
-        self.fault = Some(Latched { code, reason, text, detail, since: self.clock.now() });
+    fn latch(&mut self, code: String, reason: &'static str, text: &'static str, numbers: Option<String>) {
+        self.fault = Some(Latched { code, reason, text, numbers, since: self.clock.now() });
     }
 
     /// The newest answered cycle of the present link.
@@ -242,8 +253,9 @@ impl StatusCollector {
             }),
             state_reason: self
                 .reason
+                .as_ref()
                 .filter(|_| self.up)
-                .map(|(entry, detail)| StateReason::new(entry, self.numbers(detail.as_ref()))),
+                .map(|(entry, numbers)| StateReason::new(entry, numbers.clone())),
             waits_for: self.waits_for(),
             health: Health::default(),
             recent: RecentStatus::default(),
@@ -317,7 +329,7 @@ impl StatusCollector {
             code: latched.code.clone(),
             reason: latched.reason.to_owned(),
             text: latched.text.to_owned(),
-            numbers: self.numbers(latched.detail.as_ref()),
+            numbers: latched.numbers.clone(),
             age_s: now.seconds_since(latched.since),
         });
         fault.into_iter().collect()
@@ -330,7 +342,7 @@ impl StatusCollector {
         // what has no limit of its own and is a number is a position beyond the travel
         let is_place = detail.quantity == Quantity::Axis && detail.limit.is_nan() && detail.value.is_finite();
         let travel = axis.filter(|_| is_place);
-        let travel = travel.and_then(|axis| Some((axis, self.loaded.spec.axis(axis).travel?)));
+        let travel = travel.and_then(|axis| Some((axis, self.spec.axis(axis).travel?)));
         if let Some((axis, ends)) = travel {
             let [low, high] = ends.map(|end| if is_rotary(axis) { deg_from_rad(end) } else { end });
             if detail.value < low || detail.value > high {
@@ -582,5 +594,21 @@ mod tests {
         assert_eq!(of(1e308), "x: 1.0000e308 mm, travel 0 to 400 mm");
         assert_eq!(of(5.0), "x: 5.0000 mm");
         assert_eq!(of(f64::INFINITY), "x: inf mm");
+
+        // an event keeps the travel of the model that it happened with, later ones show that of the model in use
+        let beyond = |value| Event::StateChanged {
+            from: State::Active,
+            to: State::RampingOut,
+            reason: Reason::OutOfTravel,
+            detail: Some(Detail { axis: Some(0), quantity: Quantity::Axis, value, limit: f64::NAN }),
+        };
+        let shown = |collector: &StatusCollector| collector.status().state_reason.unwrap().numbers.unwrap();
+        collector.event(&beyond(401.0));
+        let mut spec = collector.spec.clone();
+        spec.axes.iter_mut().for_each(|axis| axis.travel = Some([0.0, 250.0]));
+        collector.model(&spec);
+        assert_eq!(shown(&collector), "x: 401.0000 mm, travel 0 to 400 mm");
+        collector.event(&beyond(300.0));
+        assert_eq!(shown(&collector), "x: 300.0000 mm, travel 0 to 250 mm");
     }
 }

@@ -11,6 +11,7 @@ use super::clock::Clock;
 use super::connection::{Connecting, Connection, seconds};
 use super::control::{Control, Start};
 use super::cycle::{Cycle, SLICE};
+use super::cycle_time::CycleTimeMonitor;
 use super::handshake::{self, LinkError};
 use super::link::{self, ControlLink, Received};
 use super::link_end::LinkEnd;
@@ -208,6 +209,7 @@ impl Worker {
             clock: self.clock,
             limits: &config.link,
             ages: AgeEstimator::new(),
+            cycle_time: CycleTimeMonitor::new(config.link.cycle_s),
             cycles: 0,
         };
         let end = cycle.run(&mut *link);

@@ -46,6 +46,8 @@ pub struct Compensator {
     gain: f64,
     gain_wanted: f64,
     from: AxisArray,
+    /// The way that each axis needed to come to rest when the plan changed: a ramp begins at rest.
+    braking: AxisArray,
     ramp: Ramp,
     /// The part of the present offset that returns to zero when the axes come to rest.
     transient: AxisArray,
@@ -143,6 +145,7 @@ impl Compensator {
             stopping: false,
             stopped: false,
             from: [0.0; MAX_AXES],
+            braking: [0.0; MAX_AXES],
             transient: [0.0; MAX_AXES],
             unwinding: [0.0; MAX_AXES],
             synchronised: false,
@@ -389,6 +392,7 @@ impl Compensator {
     /// A change of plan: everything starts again from the present offset.
     fn plan(&mut self, state: State, reason: Reason) {
         self.from = self.offset();
+        self.braking = core::array::from_fn(|k| self.limiters[k].stopping_distance());
         // what follows velocity and acceleration must not be held when nobody tells them any more
         self.unwinding = if state == State::Holding { self.transient } else { [0.0; MAX_AXES] };
         self.transient = [0.0; MAX_AXES];
@@ -443,7 +447,10 @@ impl Compensator {
                     limiter.brake(dt);
                     false
                 }
-                State::RampingIn => limiter.step(blend(plan.target.offset[k]), dt),
+                State::RampingIn => {
+                    let wanted = blend(plan.target.offset[k]);
+                    limiter.step(wanted, dt) && (limiter.position() - wanted).abs() > self.braking[k]
+                }
                 State::Active | State::FadingToStatic => limiter.step(plan.target.offset[k], dt),
                 State::RampingOut | State::Faulted => {
                     // on its way to zero, too, an offset must not carry an axis over its soft limit
@@ -453,7 +460,8 @@ impl Compensator {
                     let wanted = blend(0.0).abs().min(at.abs()).copysign(at);
                     let kept = wanted.min(high).max(low);
                     at_soft_limit |= u8::from(kept != wanted) << k;
-                    limiter.step_to_zero(kept, dt)
+                    // ahead of the ramp is not held back
+                    limiter.step_to_zero(kept, dt) && limiter.position().abs() > kept.abs() + self.braking[k]
                 }
                 State::Holding if self.unwinding[k] != 0.0 => {
                     let rest = limiter.position() - self.unwinding[k];

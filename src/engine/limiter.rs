@@ -58,7 +58,7 @@ impl Limiter {
         (self.last_moved, self.along) = (0.0, 0.0);
     }
 
-    /// One step of `dt` seconds towards `target`; true where the limits kept it from getting there.
+    /// One step of `dt` seconds towards `target`; true where size, rate, acceleration or step kept it from getting there.
     ///
     /// # Cycle   no allocation, no panic; a target that is not finite brakes instead
     pub fn step(&mut self, target: f64, dt: f64) -> bool {
@@ -103,6 +103,7 @@ impl Limiter {
         let lowest = (self.velocity - acceleration * dt).max(-rate);
         let highest = (self.velocity + acceleration * dt).min(rate);
         let velocity = (along + closing).clamp(lowest, highest);
+        let free = self.position + velocity.clamp(-step / dt, step / dt) * dt;
         // never faster than still allows a stop before the walls
         let (above, below) = (high - self.position, self.position - low);
         let velocity = if is_too_fast(velocity, above, dt, acceleration) {
@@ -117,8 +118,10 @@ impl Limiter {
         let next = self.position + velocity * dt;
         self.velocity = velocity;
         // rounding must not keep the offset a fraction of a femtometre away from its target
-        self.position = if (next - inside).abs() <= 1e-15 * size { inside } else { next };
-        self.position != target
+        let equal = |position: f64| (position - inside).abs() <= 1e-15 * size;
+        self.position = if equal(next) { inside } else { next };
+        // settling at a wall in more steps than the limits ask for is no limit of the machine file
+        target != inside || !(equal(next) || equal(free))
     }
 
     /// The rate of the target that is followed: the mean of its last two steps, built up by at most `change` a step from zero.
@@ -141,6 +144,16 @@ impl Limiter {
             self.position += self.velocity * dt;
             self.last_target = self.position;
             (self.last_moved, self.along) = (0.0, 0.0);
+        }
+    }
+
+    /// The way that it takes to come to rest.
+    #[must_use]
+    pub fn stopping_distance(&self) -> f64 {
+        if self.velocity == 0.0 {
+            0.0
+        } else {
+            self.velocity * self.velocity / (2.0 * self.limits.acceleration)
         }
     }
 

@@ -64,6 +64,9 @@ pub struct RetainedState {
     /// The latched fault, by its number.
     #[serde(deserialize_with = "Option::deserialize")]
     pub fault: Option<String>,
+    /// Axis, value and limit of that fault, as they were shown; none in files of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fault_numbers: Option<String>,
     /// The gain that was ordered.
     #[serde(deserialize_with = "Option::deserialize")]
     pub gain: Option<f64>,

@@ -212,10 +212,11 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     scene.until(&format!("{} === 'COMPENSATING'", text("state")));
     scene.until(&format!("document.title.startsWith('COMPENSATING') && {}.startsWith('0.') ", text("with")));
     // amber where the host was late, with the number of the warning; green otherwise
-    let class = scene.browser.value("document.getElementById('banner').className");
-    let cause = scene.browser.value(&text("cause"));
-    let warns = class == "held" && cause.as_str().is_some_and(|cause| cause.contains("VC-"));
-    assert!(class == "active" || warns, "{class}: {cause}");
+    // read in one go: a warning may end between two calls
+    let banner =
+        scene.browser.value(&format!("[document.getElementById('banner').className, {}]", text("cause")));
+    let warns = banner[0] == "held" && banner[1].as_str().is_some_and(|cause| cause.contains("VC-"));
+    assert!(banner[0] == "active" || warns, "{banner}");
     scene.until(&format!("{}.includes('Tool at X')", text("volume-note")));
     for (id, words) in [
         ("machine", "test-mill"),
@@ -229,8 +230,8 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
         ("announce", "COMPENSATING"),
         ("volume-note", "magnified"),
     ] {
-        let shown = scene.browser.value(&text(id));
-        assert!(shown.as_str().is_some_and(|shown| shown.contains(words)), "{id}: no {words} in {shown}");
+        // a host that was late for a moment makes the page announce that first
+        scene.until(&format!("{}.includes('{words}')", text(id)));
     }
     assert_eq!(scene.browser.value("document.querySelectorAll('#axis-list canvas').length"), 3);
     // something is drawn: not every pixel is the same
@@ -274,7 +275,12 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     assert_eq!(scene.browser.take_errors(), Vec::<String>::new());
 
     // the control holds an offset that was never sent
-    scene.control.take().expect("linked").stop().deceive(0.05);
+    let mut session = scene.control.take().expect("linked").stop();
+    // a frame that came late makes the engine follow the read-back until ten came in time, and this is about the others
+    for _ in 0..50 {
+        let _ = session.cycle();
+    }
+    session.deceive(0.05);
     scene.until(&format!("{} === 'FAULT' && {}.includes('VC-4001')", text("state"), text("cause")));
     assert_eq!(scene.browser.value("document.getElementById('banner').className"), "bad");
     scene.until(&format!(
@@ -282,6 +288,7 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
         text("remedy"),
         text("reaction")
     ));
+    scene.until("document.getElementById('events').textContent.includes('VC-4001')");
     let opened = "(() => { const d = [...document.querySelectorAll('#events details')].find((d) => \
         d.textContent.includes('VC-4001')); d.querySelector('summary').click(); return d.open && \
         d.textContent.includes('remedy'); })()";

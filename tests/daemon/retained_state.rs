@@ -69,11 +69,14 @@ fn a_restart_does_not_clear_a_fault() {
     // somebody else writes the offset
     session.deceive(0.005);
     daemon.wait_for_log("VC-4001");
+    let numbers = daemon.status()["faults"][0]["numbers"].clone();
+    assert!(numbers.as_str().is_some_and(|numbers| numbers.starts_with("x: ")), "{numbers}");
     let mut session = power_cut(&mut daemon, &port, "VC-4001");
     session.run_unanswered(100);
     assert_eq!(daemon.status()["state"], "faulted");
     daemon.wait_for_log("VC-4001 was latched before the restart");
-    assert_eq!(daemon.status()["faults"][0]["code"], "VC-4001");
+    let fault = daemon.status()["faults"][0].clone();
+    assert_eq!((&fault["code"], &fault["numbers"]), (&"VC-4001".into(), &numbers), "{fault}");
     // a restart is no acknowledgement: neither is a plain enable
     let refused = daemon.volcomp(&["enable"]);
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
@@ -85,6 +88,7 @@ fn a_restart_does_not_clear_a_fault() {
     assert!(daemon.volcomp(&["enable", "--clear-fault"]).status.success());
     assert_eq!(run(&mut session, 600), CorrectionState::Active);
     let mut session = power_cut(&mut daemon, &port, "\"off\": false");
+    assert!(!counters(&daemon).contains("fault_numbers"), "{}", counters(&daemon));
     assert_eq!(run(&mut session, 600), CorrectionState::Active, "what was acknowledged stays so");
 }
 

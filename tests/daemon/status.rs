@@ -4,6 +4,7 @@
 
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 use serde_json::Value;
@@ -168,6 +169,42 @@ fn an_enabled_compensation_that_waits_says_for_what() {
         object["waits_for"].is_null() && object["health"]["verdict"] != "held"
     });
     assert!(goes_on, "{}", status(&daemon).1);
+}
+
+#[test]
+fn a_control_at_another_cycle_than_it_announces_is_a_warning_until_it_is_right() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    // announced: 1 ms; its time stamps are those of 1 ms, too, but it goes by the clock
+    let mut run_until = |pause: Duration, wanted: &dyn Fn(&Value) -> bool| {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        let mut next = Instant::now();
+        loop {
+            for _ in 0..200 {
+                let _ = session.cycle();
+                next += pause;
+                std::thread::sleep(next.saturating_duration_since(Instant::now()));
+            }
+            let (exit_code, object) = status(&daemon);
+            if wanted(&object) {
+                return (exit_code, object);
+            }
+            assert!(Instant::now() < deadline, "{object}");
+        }
+    };
+    let present = |status: &Value| {
+        let warnings = status["recent"]["warnings"].as_array();
+        warnings.and_then(|all| all.iter().find(|w| w["code"] == "VC-6008")?["present"].as_bool())
+    };
+    let (exit_code, object) = run_until(Duration::from_millis(4), &|status| present(status) == Some(true));
+    assert_eq!((exit_code, &object["state"]), (1, &"active".into()), "a warning, no fault: {object}");
+    let event = object["events"].as_array().and_then(|all| all.iter().find(|e| e["code"] == "VC-6008"));
+    let numbers = event.and_then(|event| event["numbers"].as_str()).unwrap_or_default();
+    assert!(numbers.ends_with("ms between position frames"), "{object}");
+    daemon.wait_for_log("VC-6008");
+    run_until(Duration::from_millis(1), &|status| present(status) == Some(false));
 }
 
 #[test]

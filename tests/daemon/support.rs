@@ -39,6 +39,8 @@ value-um = 10.0
 /// Everything a test may want to change about the machine file.
 pub(crate) struct Setup {
     pub(crate) start: &'static str,
+    /// Longer than this test may be kept from running, where what it proves is not about time.
+    pub(crate) stale_ms: f64,
     pub(crate) heartbeat_s: f64,
     pub(crate) silence_s: f64,
     pub(crate) connect_timeout_s: f64,
@@ -57,6 +59,7 @@ impl Default for Setup {
     fn default() -> Self {
         Self {
             start: "on-connect",
+            stale_ms: 1000.0,
             heartbeat_s: 0.2,
             silence_s: 3.0,
             connect_timeout_s: 2.0,
@@ -74,6 +77,7 @@ impl Setup {
     fn machine_file(&self, address: &str, socket: &str) -> String {
         let Self {
             start,
+            stale_ms,
             heartbeat_s,
             silence_s,
             connect_timeout_s,
@@ -96,7 +100,7 @@ impl Setup {
              [link]\naddress = \"{address}\"\ncycle-ms = 1.0\nconnect-timeout-s = {connect_timeout_s:?}\n\
              reconnect-min-s = 0.05\nreconnect-max-s = {reconnect_max_s:?}\n\
              heartbeat-s = {heartbeat_s:?}\nsilence-s = {silence_s:?}\n{link}\
-             [engine]\nstart = \"{start}\"\nramp-s = 0.1\nstale-ms = 1000.0\n{axes}\
+             [engine]\nstart = \"{start}\"\nramp-s = 0.1\nstale-ms = {stale_ms:?}\n{axes}\
              [realtime]\n{realtime}\
              [status]\nsocket = \"{socket}\"\n[log]\ntarget = \"stderr\"\n{more}"
         )

@@ -25,6 +25,11 @@ const TESTED: &[(u16, &str, &str)] = &[
         "every_rule_is_met_and_no_other_change_of_state_occurs",
     ),
     (
+        6008,
+        "tests/daemon/status.rs",
+        "a_control_at_another_cycle_than_it_announces_is_a_warning_until_it_is_right",
+    ),
+    (
         7007,
         "tests/daemon/service.rs",
         "a_service_that_hangs_is_seen_by_the_cycle_and_sigterm_works_all_the_same",

@@ -45,9 +45,9 @@ impl RetentionState {
 impl Service {
     /// Takes up what the run before has left.
     pub(super) fn recall(&mut self) {
-        let RetainedState { fault, gain, .. } = self.tally.retained().clone();
+        let RetainedState { fault, fault_numbers, gain, .. } = self.tally.retained().clone();
         if let Some(code) = fault {
-            self.status_collector.latched_before(&code);
+            self.status_collector.latched_before(&code, fault_numbers);
             // known before the cycle thread runs
             self.channels.progress.set_state(State::Faulted);
         }
@@ -162,7 +162,10 @@ impl Service {
                 self.retained.objection = None;
                 let newest = number > self.retained.switched;
                 self.retained.switched = self.retained.switched.max(number);
-                self.change(|retained| (retained.off, retained.fault) = (retained.off || newest, None));
+                self.change(|retained| {
+                    retained.off |= newest;
+                    (retained.fault, retained.fault_numbers) = (None, None);
+                });
             }
             Request::Engine(Command::SetGain(gain)) => {
                 self.gain = *gain;
@@ -227,7 +230,10 @@ impl Service {
         let Event::StateChanged { from, to: State::Faulted, reason, detail } = event else { return };
         let entry = fault::of_reason(*reason);
         self.tally.fault(entry.name);
-        self.change(|retained| retained.fault = Some(entry.code.to_string()));
+        let numbers = self.status_collector.numbers(detail.as_ref());
+        self.change(|retained| {
+            (retained.fault, retained.fault_numbers) = (Some(entry.code.to_string()), numbers.clone());
+        });
         self.state_writer.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "fault".to_owned(),
@@ -239,9 +245,7 @@ impl Service {
                 entry.code,
                 entry.name,
                 state_name(*from),
-                self.status_collector
-                    .numbers(detail.as_ref())
-                    .map_or_else(String::new, |numbers| format!(": {numbers}"))
+                numbers.map_or_else(String::new, |numbers| format!(": {numbers}"))
             )),
             ..AuditEntry::default()
         });

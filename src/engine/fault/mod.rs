@@ -80,6 +80,8 @@ impl Code {
     pub const LATE_CYCLES: Self = Self(6006);
     /// The two ends cannot agree on TLS.
     pub const TLS_FAILED: Self = Self(6007);
+    /// Position frames come at another interval than the control announces.
+    pub const CYCLE_TIME: Self = Self(6008);
     /// Position frames out of order or repeated.
     pub const SEQUENCE: Self = Self(3004);
     /// An offset is held back by its limit.

@@ -8,6 +8,7 @@ mod loss;
 mod lying_control;
 mod motion;
 mod obstacles;
+mod ramps;
 mod reported_offset;
 mod sequences;
 mod setpoint;
