@@ -75,9 +75,9 @@ fn a_whole_turn_holds_at_every_turn_of_the_travel() {
         assert!(said.contains("ECC: the data cover a whole turn; the curve repeats over"), "{basis}: {said}");
         let (table, _) = ok(d, &["predict", "--model", "c.toml", "--points", "poses.csv", "--out", "-"]);
         let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|l| l.split(',').collect()).collect();
-        for [a, b] in [[0, 1], [2, 3], [4, 5], [5, 6]] {
-            for k in 1..7 {
-                let [a, b] = [a, b].map(|i: usize| rows[i][k].parse::<f64>().unwrap());
+        for [a, b] in [[0usize, 1], [2, 3], [4, 5], [5, 6]] {
+            for (a, b) in rows[a].iter().zip(&rows[b]).skip(1).take(6) {
+                let [a, b] = [a, b].map(|field| field.parse::<f64>().unwrap());
                 assert!((a - b).abs() < 1e-5, "{basis}: {table}");
             }
         }
