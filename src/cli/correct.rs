@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use super::arg_parsers::{above_zero, axis_letter, number};
 use super::files::{read_model, write_text};
 use super::input::{self, InputKind};
+use super::numerals::counted;
 use super::quantities::{offset_as_is, offset_unit};
 use super::{EX_DATAERR, Failure};
 use volcomp_formats::part_program::{Corrected, Request, correct};
@@ -105,9 +106,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     for (axis, held) in model.axes().map(|a| a.name).zip(corrected.held) {
         let Some((blocks, line)) = held else { continue };
         note!(
-            "note: {}: {blocks} blocks, the first in line {line}, end beyond the range of a curve of {axis} in the model, whose end \
-             value is held there: volcomp check {} lists the ranges; measure the rest of the travel",
+            "note: {}: {}, the first in line {line}, beyond the range of a curve of {axis} in the model, whose end value is held \
+             there: volcomp check {} lists the ranges; measure the rest of the travel",
             args.gcode.display(),
+            counted(blocks, "block"),
             args.model.display()
         );
     }

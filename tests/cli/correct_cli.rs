@@ -64,7 +64,7 @@ fn blocks_beyond_the_range_of_a_curve_are_told() {
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{said}");
     assert!(
-        said.contains("in.nc: 2 blocks, the first in line 4, end beyond the range of a curve of X"),
+        said.contains("in.nc: 2 blocks, the first in line 4, beyond the range of a curve of X"),
         "{said}"
     );
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::input::Measured;
 use crate::model_writer::Sources;
+use crate::numerals::small;
 use crate::units::{Units, key, or_dash};
 use volcomp_identify::curve::{Basis, CurveFit, Figures, Hidden, Note, Outlier};
 use volcomp_model::ErrorSymbol;
@@ -186,6 +187,12 @@ pub(crate) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
         Note::ReversalKept { mean } => format!(
             "both directions were measured; a table beside the curve holds the reversal, {} in the mean (--reversal mean leaves it out)",
             show(mean)
+        ),
+        Note::Drift { per_cycle, p_value } => format!(
+            "the readings drift by {} per cycle (p {}): at the target where a cycle begins the reversal holds as much of it, half in \
+             the mean; measure again when the machine is warm, or take one direction (--direction forward)",
+            show(per_cycle),
+            small(p_value)
         ),
         Note::SparseTargets { error, lower } => format!(
             "the targets are too far apart for this error: left-out targets are predicted to {} only, and better by order {lower}; measure closer, or use --basis table",

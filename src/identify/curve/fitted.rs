@@ -35,6 +35,13 @@ pub enum Note {
         /// Mean difference forward minus reverse.
         mean: f64,
     },
+    /// The readings drift from cycle to cycle, and part of the difference of the directions is drift.
+    Drift {
+        /// Change from one cycle to the next.
+        per_cycle: f64,
+        /// Probability of such a trend by chance.
+        p_value: f64,
+    },
     /// The positions are too far apart for what the error does between them.
     SparseTargets {
         /// RMS error with which left-out positions are predicted.

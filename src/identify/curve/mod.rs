@@ -10,10 +10,11 @@
 //!
 //! Source: equations 5.9; figures: `docs/reference/json-output.md` 2. Reading order: this file, `data`, `basis`, `solve`,
 //! `figures`, `select` (orders and reversal), `periods`, `support` and `smooth` (tables), `band`, `robust`;
-//! `repeat` (a whole turn over a longer travel), `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
+//! `repeat` (a whole turn over a longer travel), `cycle_drift`, `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
 
 mod band;
 mod basis;
+mod cycle_drift;
 mod data;
 mod error;
 mod figures;
@@ -44,6 +45,7 @@ pub use select::highest_order;
 use volcomp_units::axes::Travel;
 
 use super::reading::Reading;
+use cycle_drift::CycleDrift;
 use data::Data;
 
 /// Condition number above which coefficients are reported as ill-determined.
@@ -101,6 +103,9 @@ fn all_readings(readings: &[Reading], request: &Request) -> Result<CurveFit, Fit
         } else if mean.abs() > REVERSAL_NOTE * fit.figures.rmse_n && !select::holds_reversal(&fit) {
             fit.notes.push(Note::ReversalLeftOut { mean });
         }
+    }
+    if let Some(CycleDrift { per_cycle, p_value }) = cycle_drift::find(readings) {
+        fit.notes.push(Note::Drift { per_cycle, p_value });
     }
     if !closes
         && let Some(turn) = request.turn

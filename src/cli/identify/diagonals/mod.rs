@@ -238,11 +238,13 @@ fn inside_travel(path: &Path, spec: &ModelSpec, low_mm: Vec3, size_mm: Vec3) -> 
         let (low, side) = (low_mm[axis.direction()], size_mm[axis.direction()]);
         let Some([least, most]) = spec.axis(axis).travel else { continue };
         if low < least - OUTSIDE * side || low + side > most + OUTSIDE * side {
+            let rounded = |mm: f64| (mm * 1e3).round() / 1e3;
+            let [low, least, most] = [low, least, most].map(rounded);
             return Err(data!(
                 path,
                 "the box runs from {axis} {low} to {} mm, the travel of the model from {least} to {most} mm; give the low corner of \
                  the box with --low-mm, its sides with --box-mm, or correct travel-mm of the model",
-                low + side
+                rounded(low + side)
             ));
         }
     }
