@@ -133,9 +133,9 @@ fn other_range(test: &Compared) -> Option<String> {
         return None;
     }
     let range = |readings: &[Placed]| {
-        let places = || readings.iter().map(|r| r.place.div_euclid(2) as f64 / 1e3);
-        let low = places().reduce(f64::min)?;
-        Some([low, places().reduce(f64::max)?])
+        let targets = || readings.iter().map(Placed::target);
+        let low = targets().reduce(f64::min)?;
+        Some([low, targets().reduce(f64::max)?])
     };
     let [before, after] = [range(&test.readings[0])?, range(&test.readings[1])?];
     let limit = SAME_RANGE * (before[1] - before[0]).max(after[1] - after[0]);
@@ -371,10 +371,8 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
         ));
     }
     let placed = |motions: &[Motion]| -> Vec<Placed> {
-        let place = |q: f64, t: Travel| 2 * (q * 1e3).round() as i64 + i64::from(t == Travel::Reverse);
         let of = |(k, m): (usize, &Motion)| {
-            let one =
-                |(q, t, v): &(f64, Travel, f64)| Placed { curve: k as u32, place: place(*q, *t), value: *v };
+            let one = |(q, t, v): &(f64, Travel, f64)| Placed::at_target(k as u32, *q, *t, *v);
             m.rows.iter().map(one).collect::<Vec<_>>()
         };
         motions.iter().enumerate().flat_map(of).collect()

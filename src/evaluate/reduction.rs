@@ -23,6 +23,24 @@ pub struct Placed {
     pub value: f64,
 }
 
+impl Placed {
+    /// Targets are told apart to a thousandth of their unit.
+    const PER_UNIT: f64 = 1e3;
+
+    /// A reading at a target, each direction a place of its own.
+    #[must_use]
+    pub fn at_target(curve: u32, target: f64, travel: Travel, value: f64) -> Self {
+        let reverse = i64::from(travel == Travel::Reverse);
+        Self { curve, place: 2 * (target * Self::PER_UNIT).round() as i64 + reverse, value }
+    }
+
+    /// The target of [`at_target`](Self::at_target).
+    #[must_use]
+    pub fn target(&self) -> f64 {
+        self.place.div_euclid(2) as f64 / Self::PER_UNIT
+    }
+}
+
 /// A figure with its standard uncertainty (k = 1); none where no place has two readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uncertain {

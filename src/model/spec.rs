@@ -222,6 +222,12 @@ impl ModelSpec {
     pub fn is_workpiece_side(&self, name: AxisName) -> bool {
         self.chain.axes().iter().any(|a| a.name == name && a.side == Side::Workpiece)
     }
+
+    /// True where the curves of the axis are stored over its own displacement `-q`: in the carriage sense on the workpiece side.
+    #[must_use]
+    pub fn is_mirrored(&self, name: AxisName) -> bool {
+        self.axis(name).sense == Sense::Carriage && self.is_workpiece_side(name)
+    }
 }
 
 /// The most sensors whose live values a model may use.

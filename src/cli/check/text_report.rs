@@ -18,7 +18,7 @@ use volcomp_daemon::models::guard::is_expired;
 use volcomp_estimate::Thermal;
 use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_model::extremes::Bounds;
-use volcomp_model::spec::{ModelSpec, Sense};
+use volcomp_model::spec::ModelSpec;
 use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
 use volcomp_units::axes::{AxisKind, AxisName};
 
@@ -239,7 +239,7 @@ pub(crate) fn model_notes(file: &ModelFile) -> Vec<String> {
     for (symbol, function) in &model.errors {
         let spec = model.axis(symbol.axis());
         let (Some(travel), Some(mut covered)) = (spec.travel, function.range()) else { continue };
-        if spec.sense == Sense::Carriage && model.is_workpiece_side(symbol.axis()) {
+        if model.is_mirrored(symbol.axis()) {
             covered = [-covered[1], -covered[0]];
         }
         let slack = 1e-9 * (travel[1] - travel[0]);

@@ -480,8 +480,7 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     })
 }
 
-/// A reading at its target, each direction a place of its own.
+/// A reading at its target.
 pub(super) fn placed(curve: u32, r: &PositioningReading) -> Placed {
-    let reverse = i64::from(r.travel == Travel::Reverse);
-    Placed { curve, place: 2 * (r.target * 1e3).round() as i64 + reverse, value: r.deviation }
+    Placed::at_target(curve, r.target, r.travel, r.deviation)
 }

@@ -362,7 +362,7 @@ impl Args {
     /// Repeats a curve of a whole turn over the travel of its axis: the pose is the same at every turn.
     fn repeat_turn(&self, model: &mut ModelFile, symbol: ErrorSymbol) -> Result<()> {
         let axis = model.spec.axis(symbol.axis());
-        let mirrored = axis.sense == Sense::Carriage && model.spec.is_workpiece_side(axis.name);
+        let mirrored = model.spec.is_mirrored(axis.name);
         let Some((_, function)) = model.spec.errors.iter_mut().find(|(s, _)| *s == symbol) else {
             return Ok(());
         };

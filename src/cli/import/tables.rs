@@ -10,7 +10,7 @@ use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc};
 use volcomp_model::curve::Curve;
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{ErrorFunction, ErrorSymbol, Sense};
+use volcomp_model::{ErrorFunction, ErrorSymbol};
 use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::deg_from_rad;
 
@@ -106,7 +106,7 @@ fn refuse_other_reference(
         return Ok(());
     }
     let axis = model.spec.axis(symbol.axis());
-    if axis.sense == Sense::Carriage && model.spec.is_workpiece_side(axis.name) {
+    if model.spec.is_mirrored(axis.name) {
         let what = format_args!(
             "error: {file}: axis {} of the model is in the carriage sense, the table in the relative one; import into a model in the relative sense",
             axis.name

@@ -229,8 +229,9 @@ impl Search {
     fn weights_of_sets(&self) -> WeightedSets {
         let mut all = WeightedSets::new();
         for (rungs, (_, sets)) in &self.visited {
+            let prior = scales::log_prior(rungs);
             for (labels, v) in sets {
-                let w = v.log_weight + scales::log_prior(rungs);
+                let w = v.log_weight + prior;
                 let e = all.entry(labels.clone()).or_insert((v.members.clone(), w));
                 if w > e.1 {
                     *e = (v.members.clone(), w);

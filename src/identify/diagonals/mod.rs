@@ -347,8 +347,7 @@ impl Setup {
     ) -> Result<ModelSpec, DiagonalsError> {
         let mut alone = ModelSpec { errors: Vec::new(), datum: Vec::new(), ..spec.clone() };
         // a model in the carriage sense keeps its curves over the carriage's own displacement
-        let carriage = spec.axis(symbol.axis()).sense == volcomp_model::Sense::Carriage;
-        if carriage && spec.is_workpiece_side(symbol.axis()) {
+        if spec.is_mirrored(symbol.axis()) {
             for list in [&mut positions, &mut values] {
                 list.reverse();
                 list.iter_mut().for_each(|v| *v = -*v);

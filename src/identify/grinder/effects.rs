@@ -69,11 +69,6 @@ pub(super) fn of_corrections(spec: &ModelSpec) -> Result<Effects, ModelError> {
     Effects::new(&relative, &symbols)
 }
 
-/// True where curves are stored over `-q`.
-pub(super) fn is_mirrored(spec: &ModelSpec, axis: AxisName) -> bool {
-    spec.axis(axis).sense == Sense::Carriage && spec.is_workpiece_side(axis)
-}
-
 /// Columns of all motions found so far, at every position but the reference ones: 3 rows.
 pub(super) fn of_found(spec: &ModelSpec, steps: &[Found], row: &Row) -> Result<DMatrix<f64>, ModelError> {
     let mut parts = Vec::with_capacity(steps.len());

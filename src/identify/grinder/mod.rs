@@ -350,7 +350,7 @@ impl Chain {
 
 /// The curves of the motions found, in the sense of the axis, and the locations.
 fn write_into(spec: &mut ModelSpec, found: &Found, how: Curves) -> Result<(), GrinderError> {
-    let mirrored = effects::is_mirrored(spec, found.axis);
+    let mirrored = spec.is_mirrored(found.axis);
     let stored = |q: f64| if mirrored { -q } else { q };
     for motion in &found.motions {
         let mut support: Vec<(f64, f64)> =

@@ -21,7 +21,7 @@ use volcomp_identify::ballbar::{
     run_starts, travelled,
 };
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, SENSORS_MAX, Sense};
+use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, SENSORS_MAX};
 use volcomp_units::axes::{AxisName, Travel};
 use volcomp_units::{deg_from_rad, mm_from_um, rad_from_deg};
 
@@ -313,8 +313,7 @@ fn with_direction(path: &Path, lines: &[u64], samples: &[Sample]) -> Result<()> 
 /// Adds an error to that of the model, in the sense of its axis.
 fn add(model: &mut ModelFile, found: &Assembled, from: Provenance) {
     let axis = found.symbol.axis();
-    let carriage = model.spec.axis(axis).sense == Sense::Carriage && model.spec.is_workpiece_side(axis);
-    let mirrors = carriage && matches!(found.symbol, ErrorSymbol::Motion { .. });
+    let mirrors = model.spec.is_mirrored(axis) && matches!(found.symbol, ErrorSymbol::Motion { .. });
     let curve = if mirrors { mirrored_curve(&found.curve) } else { found.curve.clone() };
     let old = model.spec.errors.iter().find(|(s, _)| *s == found.symbol).map(|(_, f)| f.clone());
     let function = match old {

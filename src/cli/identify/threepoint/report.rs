@@ -41,12 +41,16 @@ impl Threepoint {
         self.fit.poses.iter().filter(|p| p.p_value < SIGNIFICANT).count()
     }
 
-    /// The row that fails most, for a message.
-    fn worst_row(&self) -> String {
-        let poses = self.fit.poses.iter().zip(&self.fit.rows).enumerate();
-        let failing = poses.filter(|(_, (p, _))| p.p_value < SIGNIFICANT);
-        let worst = failing.max_by(|a, b| a.1.0.chi2.total_cmp(&b.1.0.chi2));
-        worst.map_or_else(String::new, |(i, (pose, row))| {
+    /// Index of the row that fails most.
+    fn worst_row(&self) -> Option<usize> {
+        let failing = self.fit.poses.iter().enumerate().filter(|(_, p)| p.p_value < SIGNIFICANT);
+        failing.max_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).map(|(i, _)| i)
+    }
+
+    /// That row, for a message.
+    fn worst_row_text(&self) -> String {
+        self.worst_row().map_or_else(String::new, |i| {
+            let (pose, row) = (&self.fit.poses[i], &self.fit.rows[i]);
             let cycle = if row.cycle > 0 { format!(", cycle {}", row.cycle) } else { String::new() };
             format!(
                 ", worst row {} at {} mm{cycle}, chi2 {:.0} of {} degrees of freedom",
@@ -119,7 +123,7 @@ impl Report for Threepoint {
             && let (Some((name, lead)), Some(factor)) = (self.suspect(), self.fit.noise_factor)
         {
             let failing = self.failing();
-            let worst = self.worst_row();
+            let worst = self.worst_row_text();
             if lead > 1.5 {
                 note!(
                     "warning: the points do not move as a rigid body ({failing} of {rows} rows fail{worst}): point {name} explains most of it (without it {lead:.1} times less is left than without the next one); is it loose, or its line of sight disturbed?"
@@ -137,8 +141,6 @@ impl Report for Threepoint {
         let g = &self.fit.poses[0].geometry;
         let mut geometry = of_geometry(g);
         geometry["off_line_rms"] = json!(g.off_line_rms);
-        let failing = self.fit.poses.iter().enumerate().filter(|(_, p)| p.p_value < SIGNIFICANT);
-        let worst = self.p_value().and_then(|_| failing.max_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)));
         json!({
             "motions": motions,
             "workpiece_side": self.workpiece_side,
@@ -149,7 +151,7 @@ impl Report for Threepoint {
                 "dof": self.fit.dof,
                 "p_value": self.p_value(),
                 "noise_factor": self.fit.noise_factor,
-                "worst_row": worst.map(|(i, _)| i + 1),
+                "worst_row": self.p_value().and_then(|_| self.worst_row()).map(|i| i + 1),
                 "failing_rows": self.p_value().map(|_| self.failing()),
                 "suspect_point": self.suspect().map(|s| s.0),
                 "suspect_lead": self.suspect().map(|s| s.1),

@@ -12,7 +12,7 @@ use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::Source;
 use volcomp_identify::curve::{self, Request};
 use volcomp_model::geometry::Vec3;
-use volcomp_model::spec::{ReferenceBody, ReferencePoint, Sense};
+use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
 
@@ -177,7 +177,7 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
         let point = ReferencePoint { point: Vec3::new(x, y, z), body: ReferenceBody::Carriage };
         entry.reference_points = [point; 3];
     }
-    if entry.sense == Sense::Carriage && base.is_workpiece_side(axis) {
+    if base.is_mirrored(axis) {
         note!(
             "note: {}: axis {axis} of the base is in the carriage sense; the table is taken as the carriage's own motion over its own displacement",
             path.display()

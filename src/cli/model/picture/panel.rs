@@ -7,7 +7,7 @@ use crate::model::report::kinds_words;
 use crate::quantities::{error_out, position_out, position_unit};
 use crate::report::plot::{tick, words};
 use volcomp_model::search::reference_pose;
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
 use volcomp_units::axes::{AxisName, Travel};
 
 const SAMPLES: u32 = 600;
@@ -28,8 +28,7 @@ struct Panel {
 /// The six panels of an axis with a heading.
 pub(super) fn draw_axis(area: &Area<'_>, spec: &ModelSpec, name: AxisName) -> Drawn {
     let (head, body) = area.split_vertically(TITLE);
-    let own = spec.axis(name).sense == Sense::Carriage && spec.is_workpiece_side(name);
-    let sense = if own { ", carriage sense over its own displacement" } else { "" };
+    let sense = if spec.is_mirrored(name) { ", carriage sense over its own displacement" } else { "" };
     let title = format!("Error motions of {name}{sense}");
     words(&head, &title, (14, 12), 18)?;
     for (place, component) in body.split_evenly((2, 3)).iter().zip(Component::ALL) {
@@ -91,7 +90,7 @@ impl Panel {
 
 /// The stored coordinates over which an axis is drawn.
 fn range(spec: &ModelSpec, name: AxisName) -> [f64; 2] {
-    let inverted = spec.axis(name).sense == Sense::Carriage && spec.is_workpiece_side(name);
+    let inverted = spec.is_mirrored(name);
     let [low, high] = spec.domain(name).unwrap_or([0.0, 1.0]);
     if inverted { [-high, -low] } else { [low, high] }
 }
