@@ -12,8 +12,8 @@ mod script;
 use control::Control;
 use script::{Operation, Script};
 use volcomp_engine::{
-    AfterLoss, AxisLimits, Command, Compensator, CycleOutput, EngineConfig, Lag, OutOfTravel, PositionSource,
-    RestOffset,
+    AfterLoss, AxisLimits, Command, Compensator, CycleOutput, EngineConfig, Lag, LimitTime, OutOfTravel,
+    PositionSource, RestOffset,
 };
 use volcomp_model::axes::AxisName;
 use volcomp_model::curve::{Fourier, Live};
@@ -223,6 +223,7 @@ fn config(script: &mut Script<'_>) -> EngineConfig {
         axes: AXES.to_vec(),
         limits: vec![limits(0.05, 1.0), limits(0.15, 2.0), never, rotary],
         cycle_s: CYCLE_S,
+        limit_time: if choices.count_ones() % 2 == 1 { LimitTime::Computer } else { LimitTime::Control },
         ramp_s: if is(1) { 0.05 } else { 0.2 },
         stale_s: 0.02,
         hold_s: if is(2) { 0.0 } else { 0.1 },

@@ -10,7 +10,7 @@ mod offset_resync;
 
 use offset_resync::{GAP_CYCLES, Sending, is_immobile};
 
-use super::config::{AxisLimits, EngineConfig, EngineError, RestOffset};
+use super::config::{AxisLimits, EngineConfig, EngineError, LimitTime, RestOffset};
 use super::input_validation::InputValidation;
 use super::limiter::Limiter;
 use super::output::{CycleOutput, Detail, Event, Reason, State};
@@ -18,6 +18,7 @@ use super::ramp::Ramp;
 use super::read_back::ReadBack;
 use super::setpoint::{CycleInput, Setpoint, SetpointGenerator};
 use super::shortfall::Shortfall;
+use super::time_budget::TimeBudget;
 use volcomp_model::Model;
 use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
 use volcomp_model::geometry::Vec3;
@@ -97,6 +98,8 @@ pub struct Compensator {
     next_deadline: Option<MonoTime>,
     /// When a frame or a deadline was answered last.
     told: Option<MonoTime>,
+    /// Where the limits hold in this computer's time.
+    budget: Option<TimeBudget>,
     /// Not yet told.
     event: Option<Event>,
     /// Every single change of state, for the tests that hold them against the rules.
@@ -107,7 +110,7 @@ pub struct Compensator {
 /// What one cycle found out before it moves anything.
 struct Plan<'a> {
     target: &'a Setpoint,
-    /// Time that the offset may use, s: control time of the frame, one cycle without one.
+    /// Time that the offset may use, s: control time of the frame, one cycle without one, within the time budget.
     dt: f64,
     /// Time that has passed, s: ramps and gain go by it.
     elapsed_s: f64,
@@ -172,6 +175,8 @@ impl Compensator {
             strays: 0,
             next_deadline: None,
             told: None,
+            budget: (config.limit_time == LimitTime::Computer)
+                .then(|| TimeBudget::new(config.stale_s.max(STEP_CYCLES_MAX * config.cycle_s))),
             event: None,
             #[cfg(test)]
             trace: Vec::new(),
@@ -243,11 +248,12 @@ impl Compensator {
         // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
         let dt =
             verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
+        let usable_s = self.usable(now, dt);
         let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
         self.obstacle = (!told).then_some(Reason::NotFinite);
         let mut resynchronised = false;
         if told {
-            resynchronised = self.resynchronise(frame, dt);
+            resynchronised = self.resynchronise(frame, usable_s);
             self.check_read_back(frame);
         } else if self.gap_cycles > GAP_CYCLES || self.immobile || is_immobile(frame.state) {
             // the control may have acted on its own and does not say what it holds
@@ -276,10 +282,10 @@ impl Compensator {
         };
         self.detail = self.detail.or(target.detail);
         let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
-        self.decide(frame.state, bad, &target, dt);
+        self.decide(frame.state, bad, &target, usable_s);
         // a resynchronisation has used the time of this frame for its own step
-        let moving_s = if resynchronised { 0.0 } else { dt };
-        let output = self.move_on(&Plan { target: &target, dt: moving_s, elapsed_s: dt });
+        let moving_s = if resynchronised { 0.0 } else { usable_s };
+        let output = self.move_on(&Plan { target: &target, dt: moving_s, elapsed_s: usable_s });
         self.setpoints.lag.sent(frame.sequence, &output.offset);
         Some(output)
     }
@@ -312,7 +318,8 @@ impl Compensator {
         let silent_s = self.heard.map_or(elapsed_s, |then| now.seconds_since(then));
         self.detail = Some(Detail::of_time(silent_s, self.config.stale_s));
         self.hold_or_give_up(Reason::Stale, elapsed_s);
-        let output = self.move_on(&Plan { target: &self.stay(), dt, elapsed_s });
+        let usable_s = self.usable(now, dt);
+        let output = self.move_on(&Plan { target: &self.stay(), dt: usable_s, elapsed_s });
         let resting = self.is_at_rest();
         let faulted = self.state == State::Faulted && !self.is_zero();
         let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
@@ -354,6 +361,11 @@ impl Compensator {
     #[must_use]
     pub fn offset(&self) -> AxisArray {
         core::array::from_fn(|k| self.limiters[k].position())
+    }
+
+    /// The part of `dt` seconds of control time that offsets may use at `now`.
+    fn usable(&mut self, now: MonoTime, dt: f64) -> f64 {
+        self.budget.as_mut().map_or(dt, |budget| budget.grant(now, dt))
     }
 
     /// The target that is the present offset.

@@ -68,6 +68,16 @@ pub enum AfterLoss {
     Resume,
 }
 
+/// Whose time the limits of rate and acceleration hold in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LimitTime {
+    /// The control's time stamps: for a simulated control that runs faster than real time.
+    #[default]
+    Control,
+    /// The control's time stamps, and this computer's clock where that has advanced less.
+    Computer,
+}
+
 /// Everything the engine is configured with. Axes are in the control's wire order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EngineConfig {
@@ -77,6 +87,8 @@ pub struct EngineConfig {
     pub limits: Vec<AxisLimits>,
     /// Interval between position frames, s.
     pub cycle_s: f64,
+    /// Whose time the limits of rate and acceleration hold in.
+    pub limit_time: LimitTime,
     /// Duration of every ramp, s of control time.
     pub ramp_s: f64,
     /// Age of the newest position at which it is stale, s.

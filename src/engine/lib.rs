@@ -21,12 +21,13 @@ mod shadow;
 mod shortfall;
 #[cfg(test)]
 mod tests;
+mod time_budget;
 pub mod transitions;
 
 pub use compensator::Compensator;
 pub use config::{
-    AfterLoss, AxisLimits, EngineConfig, EngineError, FOUND_FACTOR, OutOfTravel, PositionSource, RestOffset,
-    UNLISTED_MAX_DEG, UNLISTED_MAX_MM,
+    AfterLoss, AxisLimits, EngineConfig, EngineError, FOUND_FACTOR, LimitTime, OutOfTravel, PositionSource,
+    RestOffset, UNLISTED_MAX_DEG, UNLISTED_MAX_MM,
 };
 pub use limiter::Limiter;
 pub use lookahead::{LAG_CYCLES_MAX, Lag};

@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 
 use volcomp::config::model::parse_file;
 use volcomp::engine::{
-    AfterLoss, AxisLimits, Command as Order, Compensator, EngineConfig, Lag, OutOfTravel, PositionSource,
-    RestOffset,
+    AfterLoss, AxisLimits, Command as Order, Compensator, EngineConfig, Lag, LimitTime, OutOfTravel,
+    PositionSource, RestOffset,
 };
 use volcomp::estimate::{Quantity, Thermal, ThermalState};
 use volcomp::model::Model;
@@ -208,6 +208,7 @@ fn config(axes: &[AxisName], nature: Loop) -> EngineConfig {
             Loop::Hard => sizes.iter().map(workshop).collect(),
         },
         cycle_s: CYCLE_S,
+        limit_time: LimitTime::Control,
         ramp_s: RAMP_S,
         stale_s: 1.0,
         hold_s: 1.0,

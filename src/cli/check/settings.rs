@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use crate::quantities::{offset_out, offset_unit, position_out, position_unit, rounded};
 use volcomp_config::machine::StartMode;
 use volcomp_config::{AxisConfig, MachineConfig, place_of};
+use volcomp_engine::LimitTime;
 use volcomp_units::axes::AxisKind;
 
 /// One setting in the unit of its key.
@@ -44,8 +45,13 @@ pub(super) fn settings(text: &str, machine: &MachineConfig) -> Vec<Setting> {
         StartMode::OnCommand => "on-command",
         StartMode::OnConnect => "on-connect",
     };
+    let limit_time = match engine.limit_time {
+        LimitTime::Control => "control",
+        LimitTime::Computer => "computer",
+    };
     let mut all = vec![
         Setting::new(text, &["engine", "start"], json!(start), ""),
+        Setting::new(text, &["engine", "limit-time"], json!(limit_time), ""),
         Setting::new(text, &["engine", "ramp-s"], number(engine.ramp_s), "s"),
         Setting::new(text, &["engine", "stale-ms"], number(engine.stale_s * 1e3), "ms"),
         Setting::new(text, &["engine", "hold-s"], number(engine.hold_s), "s"),

@@ -17,7 +17,9 @@ use core::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::diagnostic::ConfigErrors;
-use volcomp_engine::{AfterLoss, AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset};
+use volcomp_engine::{
+    AfterLoss, AxisLimits, EngineConfig, Lag, LimitTime, OutOfTravel, PositionSource, RestOffset,
+};
 use volcomp_model::{Chain, ModelSpec};
 use volcomp_protocol::{AxisUnit, ControlHello};
 use volcomp_units::NS_PER_S;
@@ -103,7 +105,13 @@ impl LinkConfig {
     /// True where frames leave this computer without authentication and encryption.
     #[must_use]
     pub fn is_exposed(&self) -> bool {
-        self.tls.is_none() && !self.address.ip().to_canonical().is_loopback()
+        self.tls.is_none() && self.is_remote()
+    }
+
+    /// True where the control is on another computer.
+    #[must_use]
+    pub fn is_remote(&self) -> bool {
+        !self.address.ip().to_canonical().is_loopback()
     }
 }
 
@@ -122,6 +130,7 @@ pub enum StartMode {
 #[expect(missing_docs, reason = "each field is described at EngineConfig")]
 pub struct EngineSettings {
     pub start: StartMode,
+    pub limit_time: LimitTime,
     pub ramp_s: f64,
     pub stale_s: f64,
     pub hold_s: f64,
@@ -444,6 +453,7 @@ impl MachineConfig {
             soft_limits: listed.iter().map(|axis| axis.map_or(NO_SOFT_LIMITS, |a| a.soft_limits)).collect(),
             axes,
             cycle_s: self.link.cycle_s,
+            limit_time: engine.limit_time,
             ramp_s: engine.ramp_s,
             stale_s: engine.stale_s,
             hold_s: engine.hold_s,

@@ -15,7 +15,9 @@ use super::{
 };
 use crate::diagnostic::{ConfigErrors, Diagnostic, figure};
 use crate::reader::{self, Allowed, Key, Placed, Reader, Section};
-use volcomp_engine::{AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
+use volcomp_engine::{
+    AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, LimitTime, OutOfTravel, PositionSource, RestOffset,
+};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
@@ -57,7 +59,8 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let additions = read_additions(top);
     let link = read_link(&top.section("link"));
     let cycle_ms = link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3);
-    let engine = read_engine(&top.section("engine"), cycle_ms);
+    let is_remote = link.as_ref().is_some_and(LinkConfig::is_remote);
+    let engine = read_engine(&top.section("engine"), cycle_ms, is_remote);
     let axes = read_axes(top, cycle_ms / 1e3);
     let realtime = read_realtime(&top.section("realtime"));
     let status = read_status(&top.section("status"));
@@ -66,7 +69,6 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let state = read_state(&top.section("state"));
     let guard = read_guard(&top.section("guard"));
     let sensors = read_sensors(top);
-    let is_remote = link.as_ref().is_some_and(|l| !l.address.ip().to_canonical().is_loopback());
     if sensors.lock_step && is_remote {
         let general = top.section("sensors");
         general.report(Diagnostic::at(
@@ -209,13 +211,17 @@ fn at_least(section: &Section<'_>, key: &'static str, value: f64, floor: &str, l
     }
 }
 
-fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
+fn read_engine(engine: &Section<'_>, cycle_ms: f64, is_remote: bool) -> EngineSettings {
     let stale_ms = engine.number_or("stale-ms", within(0.5, 10_000.0), 20.0);
     at_least(engine, "stale-ms", stale_ms, "two cycles", 2.0 * cycle_ms);
     let settings = EngineSettings {
         start: engine
             .choice("start", &[("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)])
             .unwrap_or_default(),
+        // a simulated control may run faster than real time, and is on this computer
+        limit_time: engine
+            .choice("limit-time", &[("control", LimitTime::Control), ("computer", LimitTime::Computer)])
+            .unwrap_or(if is_remote { LimitTime::Computer } else { LimitTime::Control }),
         ramp_s: engine.number_or("ramp-s", within(0.01, 120.0), 2.0),
         stale_s: stale_ms / 1e3,
         hold_s: engine.number_or("hold-s", within(0.0, 60.0), 0.2),

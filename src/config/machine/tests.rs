@@ -147,6 +147,20 @@ fn only_a_control_on_this_computer_is_in_lock_step_with_the_estimator() {
 }
 
 #[test]
+fn a_control_on_another_computer_is_bounded_by_this_clock() {
+    let of = |text: &str| {
+        let text = format!("{TEXT}{text}");
+        MachineConfig::parse("m.toml", &text).unwrap().engine.limit_time
+    };
+    let remote = "[link]\naddress = \"192.168.0.10:7878\"\nplain-remote = true\n";
+    assert_eq!(of(""), LimitTime::Control);
+    assert_eq!(of("[link]\naddress = \"[::1]:7878\"\n"), LimitTime::Control);
+    assert_eq!(of("[engine]\nlimit-time = \"computer\"\n"), LimitTime::Computer);
+    assert_eq!(of(remote), LimitTime::Computer);
+    assert_eq!(of(&format!("{remote}[engine]\nlimit-time = \"control\"\n")), LimitTime::Control);
+}
+
+#[test]
 fn a_tolerance_that_no_wrong_offset_leaves_is_refused() {
     let axis = |tolerance: &str| {
         format!(

@@ -383,7 +383,7 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Warning,
         text: "position frames come at another interval than the control announces",
         cause: "for 6 s the interval differed by more than 10 %, by this computer's clock or by the control's time stamps: its cycle time is not the one that it announces",
-        reaction: "compensation goes on; limits, ramps and look-ahead go by the control's time stamps: where those are wrong, rates are wrong by the same factor",
+        reaction: "compensation goes on; limits, ramps and look-ahead go by the control's time stamps, and with limit-time = \"computer\" rates by this computer's clock as well",
         remedy: "compare the interval in the log with cycle-ms; correct the cycle time of the control, then cycle-ms; nothing for a simulated control in lock step",
     },
     Entry {

@@ -34,6 +34,7 @@ fn config() -> EngineConfig {
         axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
         limits: vec![LIMITS; 3],
         cycle_s: CYCLE_S,
+        limit_time: LimitTime::Control,
         ramp_s: 0.2,
         stale_s: 0.02,
         hold_s: 0.1,

@@ -83,6 +83,58 @@ fn frames_faster_than_announced_keep_the_limits_in_the_time_of_their_stamps() {
 }
 
 #[test]
+fn stamps_that_run_ahead_keep_the_limits_in_the_time_of_this_computer() {
+    let limits = AxisLimits { rate: 0.1, acceleration: 2.0, ..LIMITS };
+    let limits = EngineConfig { ramp_s: 0.01, limits: vec![limits; 3], ..config() };
+    let highest = |limit_time| {
+        let mut world = World::new(&EngineConfig { limit_time, ..limits.clone() });
+        world.engine.on_command(world.now, Command::Enable);
+        // stamps go by the announced cycle, frames come four times as often
+        let (dt, mut before, mut velocity) = (CYCLE_S / 4.0, 0.0, 0.0);
+        let mut highest = [0.0_f64; 2];
+        for k in 0..8000 {
+            if k == 4000 {
+                world.engine.on_command(world.now, Command::Disable);
+            }
+            world.now = world.now.plus_seconds(dt);
+            world.frame.sequence += 1;
+            world.frame.control_ns += 1_000_000;
+            world.frame.applied = world.last.offset;
+            let offset = world.send().offset[0];
+            let rate = (offset - before) / dt;
+            highest = [highest[0].max(rate.abs()), highest[1].max((rate - velocity).abs() / dt)];
+            (before, velocity) = (offset, rate);
+            assert!(k != 3999 || world.last.state == State::Active && offset == -0.010, "{offset}");
+        }
+        assert_eq!((world.last.state, before), (State::Off, 0.0));
+        highest
+    };
+    let [rate, acceleration] = highest(LimitTime::Computer);
+    assert!(rate <= 0.1 * 1.000_01 && acceleration <= 2.0 * 1.000_1, "{rate} mm/s, {acceleration} mm/s^2");
+    let [rate, acceleration] = highest(LimitTime::Control);
+    assert!(rate > 0.3 && acceleration > 8.0, "{rate} mm/s, {acceleration} mm/s^2 by the stamps alone");
+}
+
+#[test]
+fn jitter_of_honest_frames_costs_less_than_the_jitter_once() {
+    let mut jittery = World::new(&EngineConfig { limit_time: LimitTime::Computer, ..config() });
+    let mut even = World::new(&config());
+    for world in [&mut jittery, &mut even] {
+        world.engine.on_command(world.now, Command::Enable);
+    }
+    let mut largest = 0.0_f64;
+    for k in 0..600_i32 {
+        even.cycle();
+        // four frames arrive together
+        jittery.now = even.now.plus_seconds(CYCLE_S * f64::from(2 - k % 4));
+        jittery.cycle();
+        largest = largest.max((jittery.last.offset[0] - even.last.offset[0]).abs());
+    }
+    assert!(largest <= 4.0 * CYCLE_S * LIMITS.rate, "{largest} mm apart");
+    assert_eq!((jittery.last.state, jittery.last.offset[0]), (State::Active, -0.010));
+}
+
+#[test]
 fn a_ramp_that_begins_while_the_offset_moves_is_not_limited_either() {
     // 10 um per 100 mm; the offset changes by 10 um/s at 100 mm/s
     for (rate, acceleration) in USUAL {
