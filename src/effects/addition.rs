@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::machine_state::{Lagged, MachineState, Signal, Source};
+use crate::machine_state::{MachineState, Source};
+use crate::{Follower, Signal};
 use crate::{Kind, Shape, WIDTH_MAX};
 use volcomp_model::geometry::Vec3;
 
@@ -244,7 +245,7 @@ impl Addition {
     /// Names effect and column.
     pub fn require(&self, has: &dyn Fn(&str) -> bool) -> Result<(), AdditionError> {
         for entry in self.machine_effects() {
-            let lags = entry.shape.signals().iter().any(|s| s.tau_s > 0.0).then(|| "t_s".to_owned());
+            let lags = entry.shape.signals().iter().any(|s| s.looks_back()).then(|| "t_s".to_owned());
             for column in entry.columns().into_iter().chain(lags) {
                 if !has(&column) {
                     return Err(AdditionError::Column { effect: entry.label(), column });
@@ -260,8 +261,8 @@ impl Addition {
 pub struct Evaluator {
     entries: Vec<Entry>,
     signals: Vec<Signal>,
-    /// State of each signal: time, source and lag of the row before.
-    states: Vec<Option<(f64, f64, Lagged)>>,
+    /// Each of them at the row before.
+    followers: Vec<Follower>,
 }
 
 impl Evaluator {
@@ -276,8 +277,8 @@ impl Evaluator {
                 signals.push(s.clone());
             }
         }
-        let states = vec![None; signals.len()];
-        Self { entries, signals, states }
+        let followers = signals.iter().cloned().map(Follower::new).collect();
+        Self { entries, signals, followers }
     }
 
     /// The sources whose values [`Evaluator::next`] takes, in order.
@@ -290,13 +291,9 @@ impl Evaluator {
     /// the spindle in 1000 per minute).
     pub fn next(&mut self, moment: &mut MachineState, sources: &[f64]) -> Vec3 {
         moment.signals.clear();
-        for ((signal, state), now) in self.signals.iter().zip(&mut self.states).zip(sources) {
-            let value = match state {
-                Some((t, before, lagged)) => signal.step(*lagged, moment.t_s - *t, *before, *now),
-                None => signal.start(*now),
-            };
-            *state = Some((moment.t_s, *now, value));
-            moment.signals.push(value[0]);
+        for (follower, now) in self.followers.iter_mut().zip(sources) {
+            follower.push(moment.t_s, *now);
+            moment.signals.push(follower.at(moment.t_s, *now));
         }
         self.at(moment)
     }

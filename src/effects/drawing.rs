@@ -1,7 +1,8 @@
 //! The quantity over which an effect is drawn, and what is divided out so that it is one curve.
 
+use crate::Signal;
 use crate::lever::Lever;
-use crate::machine_state::{Axis, Signal};
+use crate::machine_state::Axis;
 
 /// Quantity of an abscissa.
 #[derive(Debug, Clone, Copy, PartialEq)]

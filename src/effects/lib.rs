@@ -21,6 +21,7 @@ mod polynomial;
 pub mod prediction;
 mod prelude;
 pub mod shape;
+mod signal;
 mod units;
 
 pub use effect::{Effect, Kind, Label, LabelError, Measurement, Subject, Subjects, Without};
@@ -29,4 +30,5 @@ pub use lever::Lever;
 pub use library::{EFFECTS, forms, squareness_symbol};
 pub use polynomial::{legendre, twist};
 pub use shape::{REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
+pub use signal::{Follower, Signal};
 pub use units::{prior_sd, unit_of};

@@ -5,10 +5,11 @@
 //! what is not (time constants, lengths, pitches) belongs to the shape itself and is searched over a grid.
 //! Source: the catalogue of the diagnosis; equations 1 for squareness, angular errors and locations.
 
+use crate::Signal;
 use crate::addition::Entry;
 use crate::drawing::{Drawing, Over};
 use crate::extend::{Becomes, Extended, OF_THE_INSTRUMENT};
-use crate::machine_state::{Axis, MachineState, Signal};
+use crate::machine_state::{Axis, MachineState};
 use volcomp_model::geometry::Vec3;
 use volcomp_units::{RAD_PER_ARCSEC, UM_PER_MM};
 

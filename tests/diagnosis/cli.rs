@@ -585,7 +585,8 @@ fn a_log_on_another_clock_is_not_used() {
 #[test]
 fn fresh_data_of_another_day_have_a_log_of_their_own() {
     use volcomp::diagnose::library::{Shape, forms};
-    use volcomp::diagnose::machine_state::{Axis, Signal, Source};
+    use volcomp::diagnose::machine_state::{Axis, Source};
+    use volcomp::effects::Signal;
     let directory = tempfile::tempdir().unwrap();
     let d = directory.path();
     let signal = Signal::of(Source::Temperature("air".to_owned()), 0.0);

@@ -34,8 +34,8 @@ const CYCLE_S: f64 = 0.002;
 const STEPS: usize = 40;
 
 /// A capture of two axes on circles at two feeds in both directions, with position loops of velocity gain `kv` (1/s) around velocity
-/// loops of time constant `inner_s`.
-fn capture(kv: f64, inner_s: f64, seed: u64) -> String {
+/// loops of time constant `inner_s`, `dead` cycles behind their set points; an infinite gain leaves the dead time alone.
+fn capture(kv: f64, inner_s: f64, dead: usize, seed: u64) -> String {
     let mut path = vec![[100.0, 50.0]; 100];
     for (feed, sign) in [(30.0, 1.0), (30.0, -1.0), (120.0, 1.0), (120.0, -1.0)] {
         let (radius, mut way, mut speed) = (30.0, 0.0, 0.0);
@@ -54,7 +54,9 @@ fn capture(kv: f64, inner_s: f64, seed: u64) -> String {
     let mut noise = normal(seed);
     let mut table = "CYCLE,DES_POS|1,ENC_POS|1,DES_POS|2,ENC_POS|2\n".to_owned();
     let (mut at, mut speed) = (path[0], [0.0; 2]);
-    for (k, pair) in path.windows(2).enumerate() {
+    for (k, now) in path[1..].iter().enumerate() {
+        let before = k.saturating_sub(dead);
+        let pair = [path[before], path[before + usize::from(k >= dead)]];
         write!(table, "{}", 700 + k).unwrap();
         for axis in 0..2 {
             let command = |share: f64| pair[0][axis] + share * (pair[1][axis] - pair[0][axis]);
@@ -62,7 +64,10 @@ fn capture(kv: f64, inner_s: f64, seed: u64) -> String {
                 let wanted = kv * (command - at);
                 if inner_s > 0.0 { [speed, (wanted - speed) / inner_s] } else { [wanted, 0.0] }
             };
-            for step in 0..STEPS {
+            if kv.is_infinite() {
+                at[axis] = pair[1][axis];
+            }
+            for step in 0..if kv.is_finite() { STEPS } else { 0 } {
                 // midpoint rule
                 let (dt, share) = (CYCLE_S / STEPS as f64, (step as f64) / STEPS as f64);
                 let [v, a] = rates(at[axis], speed[axis], command(share));
@@ -71,7 +76,7 @@ fn capture(kv: f64, inner_s: f64, seed: u64) -> String {
                 at[axis] += dt * v;
                 speed[axis] += dt * a;
             }
-            write!(table, ",{:.6},{:.6}", pair[1][axis], at[axis] + 3e-4 * noise()).unwrap();
+            write!(table, ",{:.6},{:.6}", now[axis], at[axis] + 3e-4 * noise()).unwrap();
         }
         table.push('\n');
     }
@@ -80,19 +85,37 @@ fn capture(kv: f64, inner_s: f64, seed: u64) -> String {
 
 #[test]
 fn position_loops_lag_and_nothing_else() {
-    for (seed, kv, inner_ms) in [(1, 30.0, 0.0), (2, 60.0, 3.0), (3, 120.0, 1.8), (4, 90.0, 0.0)] {
-        let table = capture(kv, 1e-3 * inner_ms, seed);
+    for (seed, kv, inner_ms, dead) in [
+        (1, 30.0, 0.0, 0),
+        (2, 60.0, 3.0, 0),
+        (3, 120.0, 1.8, 0),
+        (4, 90.0, 0.0, 0),
+        (5, 90.0, 0.0, 2),
+        (6, 60.0, 3.0, 2),
+        (7, f64::INFINITY, 0.0, 3),
+    ] {
+        let table = capture(kv, 1e-3 * inner_ms, dead, seed);
         let found = diagnosed("c.csv", &table, &["--axes", "x=1,y=2"]);
         let all = declared(&found);
         assert!(
             all == ["latency"] || all == ["servo-mismatch:x", "servo-mismatch:y"],
             "{kv} 1/s, {inner_ms} ms: {all:?}"
         );
-        let gain = parameter(&found, all[0].split(':').next().unwrap(), "velocity_gain_per_s");
-        assert!((gain / kv - 1.0).abs() < 0.02, "{gain} for {kv} 1/s");
+        let effect = all[0].split(':').next().unwrap();
+        let (lag, dead_ms) = (parameter(&found, effect, "lag_ms"), 1e3 * CYCLE_S * dead as f64);
+        let total = dead_ms + 1e3 / kv;
+        assert!((lag / total - 1.0).abs() < 5e-3, "{lag} for {total} ms");
+        if kv.is_finite() {
+            let gain = parameter(&found, effect, "velocity_gain_per_s");
+            assert!((gain / kv - 1.0).abs() < 0.05, "{gain} for {kv} 1/s, {inner_ms} ms, {dead} cycles");
+        }
         if inner_ms > 0.0 {
-            let inner = parameter(&found, all[0].split(':').next().unwrap(), "velocity_loop_ms");
+            let inner = parameter(&found, effect, "velocity_loop_ms");
             assert!((inner / inner_ms - 1.0).abs() < 0.2, "{inner} for {inner_ms} ms");
+        }
+        if dead > 0 {
+            let found = parameter(&found, effect, "dead_time_ms");
+            assert!((found - dead_ms).abs() < 0.1 * total, "{found} for {dead_ms} ms");
         }
         let left = found["shrink"]["rms_after_um"].as_f64().unwrap();
         assert!(left < 1.0, "{left} um of {}", found["shrink"]["rms_before_um"]);

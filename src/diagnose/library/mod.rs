@@ -5,8 +5,9 @@ mod facts;
 mod tests;
 
 use super::constants::WHOLE;
-use super::moment::{Axis, Signal};
+use super::moment::Axis;
 use super::session::Session;
+use volcomp_effects::Signal;
 
 pub use volcomp_effects::{
     EFFECTS, Effect, Kind, Label, LabelError, Lever, Measurement, REFERENCE_DEGC, RotaryFrame, STILL, Shape,

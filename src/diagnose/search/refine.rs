@@ -10,6 +10,8 @@ use super::problem::Problem;
 /// First and last relative step.
 pub(super) const STEPS: [f64; 6] = [0.25, 0.12, 0.05, 0.02, 0.008, 0.003];
 
+/// Most moves of one step of the search for a response.
+const MOVES: usize = 4;
 /// A velocity loop that lags by more of the lag of its position loop lets it oscillate.
 const HALF: f64 = 0.5;
 
@@ -169,10 +171,7 @@ fn tie(
     axes: &[Axis],
 ) {
     let variant = chosen[place];
-    // the control's own encoders see no compliance: what looks like one is part of the lag
-    let is_compliance = |v: &usize| matches!(library.variants[*v].shape, Shape::Inertial { .. });
-    let stays = |v: &usize| *v != variant && !(problem.precise && is_compliance(v));
-    let others: Vec<usize> = chosen.iter().copied().filter(stays).collect();
+    let others: Vec<usize> = chosen.iter().copied().filter(|v| *v != variant).collect();
     let beside = Beside::new(problem, &others);
     let says = |problem: &Problem, shape: &Shape| {
         let columns = problem.whitened(session, filter, shape);
@@ -192,33 +191,58 @@ fn tie(
 }
 
 /// The position loop whose lag is what it takes as its time constant, and what it explains; none where the velocities are not
-/// known. The control's own encoders see no compliance of the structure: of theirs the lag of the velocity loop is found, too.
+/// known. The control's own encoders see no compliance of the structure: of theirs the lag of the velocity loop and a dead time
+/// are found, too.
 fn position_loop(
     session: &Session,
     is_servo: bool,
-    (axes, mut lag_ms): (&[Axis], f64),
+    (axes, lag_ms): (&[Axis], f64),
     says: &dyn Fn(&Shape) -> (f64, f64),
 ) -> Option<(f64, Shape)> {
     let known = |a: &Axis| session.history.sources().contains(&Source::Velocity(*a));
     if !axes.iter().all(known) {
         return None;
     }
-    let of = |lag_ms: f64, share: f64| {
-        Shape::Lag(forms::Lag::position_loop(axes.to_vec(), lag_ms, share * lag_ms))
+    // a position loop alone, a dead time alone
+    let begins: &[[f64; 2]] = if is_servo { &[[0.0, 1.0], [1.0, 0.5]] } else { &[[0.0, 1.0]] };
+    let found = begins.iter().map(|begin| response(is_servo, (axes, lag_ms), *begin, says));
+    found.max_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// The best response found from a share of the dead time in the lag and the second coefficient of its series, over the square of the
+/// lag: dead time and velocity loop nearly say the same, and along this coefficient they differ most.
+fn response(
+    is_servo: bool,
+    (axes, mut lag_ms): (&[Axis], f64),
+    mut at: [f64; 2],
+    says: &dyn Fn(&Shape) -> (f64, f64),
+) -> (f64, Shape) {
+    let of = |lag_ms: f64, [dead, second]: [f64; 2]| {
+        let rest = 1.0 - dead;
+        let inner = if rest > 0.0 { (rest + 0.5 * dead * dead - second) / (rest * rest) } else { 0.0 };
+        let times_ms = [dead * lag_ms, inner.clamp(0.0, HALF) * rest * lag_ms];
+        Shape::Lag(forms::Lag::response(axes.to_vec(), lag_ms, times_ms))
     };
-    let mut share = 0.0;
     for step in STEPS {
-        let found_ms = says(&of(lag_ms, share)).1;
-        if found_ms <= 0.0 {
-            break;
-        }
-        lag_ms = found_ms;
-        if is_servo {
-            let near = [share - step, share, share + step].into_iter().filter(|s| (0.0..=HALF).contains(s));
-            let gains = near.map(|s| (says(&of(lag_ms, s)).0, s));
-            share = gains.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(share, |best| best.1);
+        for _ in 0..if is_servo { MOVES } else { 1 } {
+            let found_ms = says(&of(lag_ms, at)).1;
+            if found_ms <= 0.0 {
+                break;
+            }
+            lag_ms = found_ms;
+            if !is_servo {
+                break;
+            }
+            let near = [[-step, 0.0], [step, 0.0], [0.0, -step], [0.0, step]];
+            let near = near.map(|[d, s]| [(at[0] + d).clamp(0.0, 1.0), at[1] + s]);
+            let gains = near.into_iter().chain([at]).map(|a| (says(&of(lag_ms, a)).0, a));
+            let best = gains.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(at, |best| best.1);
+            if best == at {
+                break;
+            }
+            at = best;
         }
     }
-    let shape = of(lag_ms, share);
-    Some((says(&shape).0, shape))
+    let shape = of(lag_ms, at);
+    (says(&shape).0, shape)
 }

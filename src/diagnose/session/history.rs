@@ -5,7 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use super::super::moment::{Moment, Signal, Source};
+use super::super::moment::{Moment, Source};
+use volcomp_effects::{Follower, Signal};
 
 /// Per file and source: times and values, in order.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -64,24 +65,21 @@ impl History {
 }
 
 fn follow(series: &[(f64, f64)], signal: &Signal, moments: &[Moment], out: &mut Vec<f64>) {
-    let Some(&(mut t, mut value)) = series.first() else {
-        out.extend(moments.iter().map(|_| f64::NAN));
-        return;
-    };
-    let mut state = signal.start(value);
-    let mut next = 1;
+    let mut follower = Follower::new(signal.clone());
+    let (mut last, mut next) = ((f64::NEG_INFINITY, f64::NAN), 0);
     for m in moments {
-        while next < series.len() && series[next].0 <= m.t_s {
-            let (t1, v1) = series[next];
-            state = signal.step(state, t1 - t, value, v1);
-            (t, value) = (t1, v1);
+        while next < series.len() && (next == 0 || series[next].0 <= m.t_s) {
+            last = series[next];
+            follower.push(last.0, last.1);
             next += 1;
         }
         // between two entries of the log the source goes straight from one to the other
         let now = match series.get(next) {
-            Some(&(t1, v1)) if t1 > t && m.t_s > t => value + (v1 - value) * (m.t_s - t) / (t1 - t),
-            _ => value,
+            Some(&(t1, v1)) if t1 > last.0 && m.t_s > last.0 => {
+                last.1 + (v1 - last.1) * (m.t_s - last.0) / (t1 - last.0)
+            }
+            _ => last.1,
         };
-        out.push(signal.step(state, m.t_s - t, value, now)[0]);
+        out.push(follower.at(m.t_s, now));
     }
 }

@@ -16,7 +16,8 @@ mod tests;
 mod times;
 
 use super::constants::{MOVES, ROWS, SEES};
-use super::moment::{Axis, Machine, Moment, Signal};
+use super::moment::{Axis, Machine, Moment};
+use volcomp_effects::Signal;
 
 pub use history::History;
 pub use times::Times;

@@ -106,6 +106,25 @@ fn resolution(position: &[f64]) -> f64 {
         .unwrap_or(1e-9)
 }
 
+/// The positions `lag_s` before each sample, straight from one to the other; the first before all.
+pub(super) fn behind(samples: &[Sample], position: &[f64], lag_s: f64) -> Vec<f64> {
+    let mut at = 0;
+    let before = |s: &Sample| {
+        let t = s.t - lag_s;
+        while at + 1 < samples.len() && samples[at + 1].t <= t {
+            at += 1;
+        }
+        match samples.get(at + 1) {
+            Some(next) if t > samples[at].t => {
+                let share = (t - samples[at].t) / (next.t - samples[at].t);
+                position[at] + (position[at + 1] - position[at]) * share
+            }
+            _ => position[at],
+        }
+    };
+    samples.iter().map(before).collect()
+}
+
 /// Direction of travel (0 before the first move), distance and time since the last reversal, per sample.
 pub(super) struct Travel {
     pub(super) direction: Vec<f64>,

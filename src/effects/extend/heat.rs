@@ -1,8 +1,9 @@
 //! Effects of heat as thermal displacements of the model.
 
 use super::{Becomes, Candidate, Extended, Part, shift};
+use crate::Signal;
 use crate::addition::Entry;
-use crate::machine_state::{Axis, Signal, Source};
+use crate::machine_state::{Axis, Source};
 use volcomp_estimate::{Quantity, Thermal, ThermalInput};
 use volcomp_model::curve::Live;
 use volcomp_units::mm_from_um;

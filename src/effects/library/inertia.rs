@@ -27,7 +27,7 @@ pub(crate) static INERTIAL: Effect = Effect {
     variants: |data, of| {
         let axis = of.axis;
         let shape = |slope| Inertial { axis, along: axis, slope }.into();
-        Ok(if accelerates(data, axis)? { [false, true].map(shape).into() } else { Vec::new() })
+        data.structural(if accelerates(data, axis)? { [false, true].map(shape).into() } else { Vec::new() })
     },
 };
 

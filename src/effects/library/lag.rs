@@ -100,13 +100,14 @@ pub(crate) static CLOCK_SKEW: Effect = Effect {
 };
 
 /// `d_a = -tau v_a + tau tie a_a` for every axis listed; behind a position loop `d_a = -tau w_a`, where `w_a` is the commanded
-/// velocity behind the loop (`tau w' + u = v`, `inner u' + u = w`): `tau = 1 / Kv`, `inner` the lag of the velocity loop.
+/// velocity behind the loop (`tau w' + u = v`, `inner u' + u = w`): `tau = 1 / Kv`, `inner` the lag of the velocity loop. Behind a
+/// dead time, too, `lag` is the sum of both and `w` what the position is behind by, over it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Lag {
     pub axes: Vec<Axis>,
     pub tie_ms: f64,
-    /// `w` of each axis; empty where the lag is no position loop of first order.
+    /// `w` of each axis; empty where the lag is a series in velocity and acceleration.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lagged: Vec<Signal>,
 }
@@ -124,14 +125,18 @@ impl Lag {
         Self { axes, tie_ms: 0.5 * lag_ms, lagged: Vec::new() }
     }
 
-    /// A position loop around a velocity loop.
+    /// A position loop around a velocity loop, behind a dead time; together they lag by `lag_ms`.
     #[must_use]
-    pub fn position_loop(axes: Vec<Axis>, lag_ms: f64, inner_ms: f64) -> Self {
+    pub fn response(axes: Vec<Axis>, lag_ms: f64, [dead_ms, inner_ms]: [f64; 2]) -> Self {
+        let loop_ms = lag_ms - dead_ms;
         let behind = |a: &Axis| Signal {
             inner_s: inner_ms * PER_MS,
-            ..Signal::of(Source::Velocity(*a), lag_ms * PER_MS)
+            dead_time_s: dead_ms * PER_MS,
+            ..Signal::of(Source::Velocity(*a), loop_ms * PER_MS)
         };
-        Self { lagged: axes.iter().map(behind).collect(), axes, tie_ms: lag_ms - inner_ms }
+        // second coefficient of the series of 1 - exp(-dead s) / (1 + loop s (1 + inner s))
+        let second = dead_ms * (0.5 * dead_ms + loop_ms) + loop_ms * (loop_ms - inner_ms);
+        Self { lagged: axes.iter().map(behind).collect(), axes, tie_ms: second / lag_ms }
     }
 }
 
@@ -189,15 +194,21 @@ impl Form for Lag {
             None if self.tie_ms > 0.0 => named(&[("filter_ms", self.tie_ms)]),
             None => Vec::new(),
             Some(w) => {
-                let gain = [("velocity_gain_per_s", 1.0 / w.tau_s)];
-                let inner = (w.inner_s > 0.0).then_some(("velocity_loop_ms", w.inner_s / PER_MS));
-                named(&gain.into_iter().chain(inner).collect::<Vec<_>>())
+                let of = |name, time_s: f64, value| (time_s > 0.0).then_some((name, value));
+                let all = [
+                    of("velocity_gain_per_s", w.tau_s, 1.0 / w.tau_s),
+                    of("velocity_loop_ms", w.inner_s, w.inner_s / PER_MS),
+                    of("dead_time_ms", w.dead_time_s, w.dead_time_s / PER_MS),
+                ];
+                named(&all.into_iter().flatten().collect::<Vec<_>>())
             }
         }
     }
 
     fn is_valid(&self) -> bool {
-        self.lagged.iter().all(|w| w.tau_s > 0.0 && w.inner_s >= 0.0)
+        self.lagged
+            .iter()
+            .all(|w| w.looks_back() && [w.tau_s, w.inner_s, w.dead_time_s].iter().all(|t| *t >= 0.0))
     }
 
     fn acts_along(&self) -> Option<Axis> {

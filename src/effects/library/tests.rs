@@ -1,10 +1,11 @@
 use std::collections::BTreeSet;
 
 use super::{EFFECTS, Shape, forms};
+use crate::Signal;
 use crate::addition::{Addition, Entry, FORMAT};
 use crate::data::Data;
 use crate::extend::{Fate, extend};
-use crate::machine_state::{Axis, Light, Machine, MachineAxis, MachineState, SLOTS, Signal, Source};
+use crate::machine_state::{Axis, Light, Machine, MachineAxis, MachineState, SLOTS, Source};
 use crate::prediction::machine_of;
 use crate::{Kind, Lever, RotaryFrame, WIDTH_MAX, unit_of};
 use volcomp_model::geometry::Vec3;
