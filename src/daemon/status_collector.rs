@@ -168,7 +168,7 @@ impl StatusCollector {
         match (self.up, self.progress.state()) {
             (true, Some(state)) => format!(
                 "{}, {} cycles, {} late",
-                state_name(state),
+                state.name(),
                 self.progress.cycles.load(Relaxed),
                 self.progress.late.load(Relaxed)
             ),
@@ -178,7 +178,7 @@ impl StatusCollector {
 
     /// The present state, as in [`Status`].
     pub(super) fn state(&self) -> &'static str {
-        self.progress.state().map_or("disconnected", state_name)
+        self.progress.state().map_or("disconnected", State::name)
     }
 
     pub(super) fn status(&self) -> Status {
@@ -295,7 +295,7 @@ impl StatusCollector {
             Some((letter(*name), values))
         };
         ShadowStatus {
-            state: state_name(state).to_owned(),
+            state: state.name().to_owned(),
             cycles: score.cycles,
             active_cycles: score.active_cycles,
             faults: score.faults,
@@ -538,20 +538,6 @@ fn machine_state(state: MachineState) -> Vec<String> {
         (MachineState::OFFSET_RAMPING_OUT, "offset-ramping-out"),
     ];
     names.iter().filter(|(bit, _)| state.has(*bit)).map(|(_, name)| (*name).to_owned()).collect()
-}
-
-/// Name of a state in status and log.
-pub(super) const fn state_name(state: State) -> &'static str {
-    match state {
-        State::Off => "off",
-        State::Armed => "armed",
-        State::RampingIn => "ramping-in",
-        State::Active => "active",
-        State::Holding => "holding",
-        State::RampingOut => "ramping-out",
-        State::Faulted => "faulted",
-        State::FadingToStatic => "fading-to-static",
-    }
 }
 
 #[cfg(test)]

@@ -12,7 +12,6 @@ use super::Service;
 use crate::audit::{AuditEntry, Who};
 use crate::channels::{Request, Ticket};
 use crate::counters::unknown;
-use crate::status_collector::state_name;
 use crate::sync;
 use crate::write_queue::Saved;
 use volcomp_config::StartMode;
@@ -244,7 +243,7 @@ impl Service {
                 "{} {}, in state {}{}",
                 entry.code,
                 entry.name,
-                state_name(*from),
+                from.name(),
                 numbers.map_or_else(String::new, |numbers| format!(": {numbers}"))
             )),
             ..AuditEntry::default()

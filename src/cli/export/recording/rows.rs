@@ -5,7 +5,7 @@ use crate::quantities::{offset_unit, position_unit};
 use volcomp_config::MachineConfig;
 use volcomp_engine::fault;
 use volcomp_protocol::record::{Change, Cycle, Entry, Item};
-use volcomp_protocol::{ControlHello, CorrectionState, MachineState, Tool};
+use volcomp_protocol::{ControlHello, MachineState, Tool};
 use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
 
@@ -306,7 +306,7 @@ impl Rows {
         }
         let mut add = |name: &'static str, kind, cell| put(&|| name.to_owned(), kind, cell);
         let text = |words: Option<&'static str>| words.map_or(Cell::Empty, Cell::Text);
-        add("state", Kind::Text, text(answer.map(|a| state(a.state))));
+        add("state", Kind::Text, text(answer.map(|a| a.state.name())));
         add("cause", Kind::Text, text(answer.and_then(|a| a.change).map(cause)));
         let lag = answer.map(|a| a.lag_cycles).filter(|cycles| *cycles > 0);
         add("lag_cycles", Kind::Whole, whole(lag.map(i64::from)));
@@ -331,19 +331,6 @@ impl Rows {
 /// Name of what changed the state.
 fn cause(change: Change) -> &'static str {
     fault::Code(change.cause).entry().map_or("unknown", |entry| entry.name)
-}
-
-const fn state(state: CorrectionState) -> &'static str {
-    match state {
-        CorrectionState::Off => "off",
-        CorrectionState::Armed => "armed",
-        CorrectionState::RampingIn => "ramping-in",
-        CorrectionState::Active => "active",
-        CorrectionState::Holding => "holding",
-        CorrectionState::RampingOut => "ramping-out",
-        CorrectionState::Faulted => "faulted",
-        CorrectionState::FadingToStatic => "fading-to-static",
-    }
 }
 
 #[cfg(test)]
