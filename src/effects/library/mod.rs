@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::data::no_formula;
 use crate::shape::Form;
-use crate::{Effect, Kind, Measurement, Subjects};
+use crate::{Effect, Kind, Measurement, Procedure, Subjects};
 
 /// The formulas as one type, tagged by their names in additions.
 macro_rules! shapes {
@@ -100,5 +100,5 @@ shapes! {
     wear::Wear,
 }
 
-/// All effects, in the order in which they are listed and searched: `effects.toml`, of which `build.rs` makes this table.
-pub static EFFECTS: &[&Effect] = include!(concat!(env!("OUT_DIR"), "/effects.rs"));
+// `EFFECTS` and `PROCEDURES`, made from effects.toml by build.rs
+include!(concat!(env!("OUT_DIR"), "/effects.rs"));
