@@ -210,10 +210,7 @@ pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningT
 
 /// The `.dat` of ecmc loggers.
 pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest, Failure> {
-    iso230_dat::parse(text).map_err(|e| {
-        let place = if e.line == 0 { String::new() } else { format!("{}:{}: ", e.line, e.column) };
-        failure!(EX_DATAERR, "{file}:{place}{}{}", if e.line == 0 { " " } else { "" }, e.kind)
-    })
+    iso230_dat::parse(text).map_err(|e| format_failure(file, &e))
 }
 
 /// Columns of a positioning test in a table, and their units.

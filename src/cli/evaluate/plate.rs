@@ -9,12 +9,13 @@ use serde_json::{Map, Value, json};
 use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
+use crate::Failure;
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
 use crate::input::{self, InputKind};
+use crate::positioning_data::format_failure;
 use crate::report::Table;
 use crate::table::Table as Csv;
-use crate::{EX_DATAERR, Failure};
 use volcomp_evaluate::plate::Estimate;
 use volcomp_evaluate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
 use volcomp_formats::hole_plate;
@@ -80,10 +81,7 @@ fn read(args: &Args) -> Result<Plate, Failure> {
         _ => true,
     };
     let plate = if hole_plate::recognises(&text) {
-        let plate = hole_plate::parse(&text).map_err(|e| {
-            let place = if e.line == 0 { String::new() } else { format!("{}:{}:", e.line, e.column) };
-            failure!(EX_DATAERR, "{}:{place} {}", path.display(), e.kind)
-        })?;
+        let plate = hole_plate::parse(&text).map_err(|e| format_failure(&path.display().to_string(), &e))?;
         let holes = plate.holes.iter().filter(|h| keep(Some(h.diameter)));
         Plate { points: holes.map(|h| h.place).collect(), title: Some(plate.title).filter(|t| !t.is_empty()) }
     } else {
