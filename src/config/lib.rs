@@ -17,7 +17,7 @@ mod syntax;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
-    AxisConfig, EngineSettings, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget,
+    AxisConfig, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget,
     MachineConfig, ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode,
     StateConfig, StatusConfig, TlsConfig, WhenFull,
 };

@@ -9,13 +9,13 @@ use super::http::read_http;
 use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
 use super::{
-    AxisConfig, EngineSettings, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget,
+    AxisConfig, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget,
     MachineConfig, NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig,
     StatusConfig, WhenFull,
 };
 use crate::diagnostic::{ConfigErrors, Diagnostic, figure};
 use crate::reader::{self, Allowed, Key, Placed, Reader, Section};
-use volcomp_engine::{AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
+use volcomp_engine::{AfterLoss, AxisLimits, EngineConfig, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
@@ -57,7 +57,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let additions = read_additions(top);
     let link = read_link(&top.section("link"));
     let cycle_ms = link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3);
-    let engine = read_engine(&top.section("engine"), cycle_ms);
+    let (start, engine) = read_engine(&top.section("engine"), cycle_ms);
     let axes = read_axes(top, cycle_ms / 1e3);
     let realtime = read_realtime(&top.section("realtime"));
     let status = read_status(&top.section("status"));
@@ -84,6 +84,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
         model: model?,
         additions,
         link: link?,
+        start,
         engine,
         axes,
         realtime,
@@ -209,13 +210,13 @@ fn at_least(section: &Section<'_>, key: &'static str, value: f64, floor: &str, l
     }
 }
 
-fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
+fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> (StartMode, EngineConfig) {
     let stale_ms = engine.number_or("stale-ms", within(0.5, 10_000.0), 20.0);
     at_least(engine, "stale-ms", stale_ms, "two cycles", 2.0 * cycle_ms);
-    let settings = EngineSettings {
-        start: engine
-            .choice("start", &[("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)])
-            .unwrap_or_default(),
+    let starts = [("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)];
+    let start = engine.choice("start", &starts).unwrap_or_default();
+    let config = EngineConfig {
+        cycle_s: cycle_ms / 1e3,
         ramp_s: engine.number_or("ramp-s", within(0.01, 120.0), 2.0),
         stale_s: stale_ms / 1e3,
         hold_s: engine.number_or("hold-s", within(0.0, 60.0), 0.2),
@@ -241,9 +242,10 @@ fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
             .map_or(Lag::Measured, |n| Lag::Cycles(n.value)),
         lag_uncertainty_cycles: engine.number_or("lag-uncertainty-cycles", within(0.0, 100.0), 0.5),
         live_max_age_s: engine.number_or("live-max-age-ms", within(1.0, 600_000.0), 500.0) / 1e3,
+        ..EngineConfig::default()
     };
     engine.finish();
-    settings
+    (start, config)
 }
 
 /// Keys of an axis, in its unit, with the way inside.
