@@ -104,8 +104,8 @@ impl<'a> Raw<'a> {
         let mut lines = Vec::with_capacity(self.references.len());
         for ((position, cycle, direction), entry) in &self.references {
             let Some(target) = self.targets.get(position) else {
-                let name = format!("position {position} with its readings");
-                let why = "it has no TGT_DATA; add the target";
+                let name = format!("position {position} (no TGT_DATA[{position}])");
+                let why = "it has readings; add the target";
                 return Err(FormatError::at(entry.at.line, 1, FormatErrorKind::NotRead { name, why }));
             };
             readings.push(Reading {
@@ -201,7 +201,11 @@ mod tests {
             ),
             ("FWD[1,1]", "FWD[1]", "9:14: found '1', expected REF_DATA_FWD[position,cycle]"),
             ("FWD[1,1]", "FWD[0,1]", "9:14: found '0,1', expected REF_DATA_FWD[position,cycle]"),
-            ("TGT_DATA[2]=0", "", "11:1: position 2 with its readings is not read: it has no TGT_DATA"),
+            (
+                "TGT_DATA[2]=0",
+                "",
+                "11:1: position 2 (no TGT_DATA[2]) is not read: it has readings; add the target",
+            ),
             ("CYCLES=1", "CYCLES=5", "6:8: CYCLES: 5 announced, 1 found; the file is cut or the count wrong"),
             ("UNIT=mm", "UNIT=furlong", "5:6: found 'furlong', expected a unit: mm, um, deg or arcsec"),
             ("# comment", "comment", "2:1: found 'comment', expected KEY=VALUE"),

@@ -269,6 +269,15 @@ impl fmt::Display for Name {
     }
 }
 
+impl Axis {
+    /// An axis in the unit of its kind.
+    #[must_use]
+    pub const fn new(name: AxisName) -> Self {
+        let unit = if name.kind().is_rotary() { AxisUnit::Degree } else { AxisUnit::Millimetre };
+        Self { name, unit }
+    }
+}
+
 impl AxisUnit {
     /// The code on the wire.
     #[must_use]

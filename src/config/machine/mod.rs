@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use super::diagnostic::ConfigErrors;
 use volcomp_engine::{AxisLimits, EngineConfig};
 use volcomp_model::{Chain, ModelSpec};
-use volcomp_protocol::{AxisUnit, ControlHello};
+use volcomp_protocol::{Axis, AxisUnit, ControlHello};
 use volcomp_units::NS_PER_S;
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 
@@ -444,8 +444,7 @@ impl MachineConfig {
             if names.contains(&axis.name) {
                 return Err(HelloMismatch::AxisTwice { axis: axis.name });
             }
-            let linear = axis.unit == AxisUnit::Millimetre;
-            if linear != (axis.name.kind() == AxisKind::Linear) {
+            if *axis != Axis::new(axis.name) {
                 return Err(HelloMismatch::AxisUnit { axis: axis.name, found: axis.unit });
             }
             names.push(axis.name);

@@ -9,15 +9,16 @@ use super::http::read_http;
 use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
 use super::{
-    AxisConfig, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget,
-    MachineConfig, NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig,
-    StatusConfig, WhenFull,
+    AxisConfig, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 use crate::diagnostic::{ConfigErrors, Diagnostic, figure};
 use crate::reader::{self, Allowed, Key, Placed, Reader, Section};
-use volcomp_engine::{AfterLoss, AxisLimits, EngineConfig, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
+use volcomp_engine::{
+    AfterLoss, AxisLimits, EngineConfig, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset,
+};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
     let text = reader::without_mark(text);
@@ -262,10 +263,7 @@ struct AxisKeys {
     feed: (&'static str, f64),
     deadband: &'static str,
     tolerance: &'static str,
-    /// Units of offset and position.
-    units: [&'static str; 2],
-    offset: fn(f64) -> f64,
-    position: fn(f64) -> f64,
+    kind: AxisKind,
     /// Largest offset that is no unit mistake.
     highest: f64,
 }
@@ -282,9 +280,7 @@ static LINEAR: AxisKeys = AxisKeys {
     feed: ("feed-max-mm-per-min", 60_000.0),
     deadband: "reversal-deadband-um",
     tolerance: "read-back-tolerance-um",
-    units: ["um", "mm"],
-    offset: mm_from_um,
-    position: core::convert::identity,
+    kind: AxisKind::Linear,
     highest: 5000.0,
 };
 
@@ -300,9 +296,7 @@ static ROTARY: AxisKeys = AxisKeys {
     feed: ("feed-max-deg-per-min", 36_000.0),
     deadband: "reversal-deadband-arcsec",
     tolerance: "read-back-tolerance-arcsec",
-    units: ["arcsec", "deg"],
-    offset: rad_from_arcsec,
-    position: rad_from_deg,
+    kind: AxisKind::Rotary,
     highest: 2000.0,
 };
 
@@ -350,12 +344,10 @@ fn read_axes(top: &Section<'_>, cycle_s: f64) -> Vec<AxisConfig> {
 }
 
 fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisConfig> {
-    let (keys, why) = match name.kind() {
-        AxisKind::Linear => (&LINEAR, format!("axis {name} is linear")),
-        AxisKind::Rotary => (&ROTARY, format!("axis {name} is rotary")),
-    };
-    let [offset_unit, position_unit] = keys.units;
-    let section = &section.because(offset_unit, why.clone()).because(position_unit, why);
+    let keys = if name.kind().is_rotary() { &ROTARY } else { &LINEAR };
+    let why = format!("axis {name} is {}", name.kind().name());
+    let section =
+        &section.because(keys.kind.offset_unit(), why.clone()).because(keys.kind.position_unit(), why);
     let [limit, rate, acceleration] =
         [(keys.limit, keys.highest), (keys.rate, 1e6), (keys.acceleration, 1e9)].map(|(key, high)| {
             section.require(key, &format!("add {key}: an axis without all its limits is never offset"));
@@ -377,16 +369,18 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
     Some(AxisConfig {
         name,
         limits: AxisLimits {
-            warning: (keys.offset)(warning.map_or(DEFAULT_WARNING * limit, |w| w.value)),
-            size: (keys.offset)(limit),
-            stop: (keys.offset)(stop.map_or(DEFAULT_STOP * limit, |s| s.value)),
-            step: (keys.offset)(step),
-            rate: (keys.offset)(rate?),
-            acceleration: (keys.offset)(acceleration?),
+            warning: keys.kind.offset_in(warning.map_or(DEFAULT_WARNING * limit, |w| w.value)),
+            size: keys.kind.offset_in(limit),
+            stop: keys.kind.offset_in(stop.map_or(DEFAULT_STOP * limit, |s| s.value)),
+            step: keys.kind.offset_in(step),
+            rate: keys.kind.offset_in(rate?),
+            acceleration: keys.kind.offset_in(acceleration?),
         },
-        jump_limit: (keys.position)(jump),
-        reversal_deadband: (keys.offset)(deadband),
-        read_back_tolerance: (keys.offset)(tolerance.map_or(DEFAULT_TOLERANCE.min(0.5 * limit), |t| t.value)),
+        jump_limit: keys.kind.position_in(jump),
+        reversal_deadband: keys.kind.offset_in(deadband),
+        read_back_tolerance: keys
+            .kind
+            .offset_in(tolerance.map_or(DEFAULT_TOLERANCE.min(0.5 * limit), |t| t.value)),
         soft_limits: soft,
     })
 }
@@ -399,7 +393,7 @@ fn against_limit(
     [warning, stop, tolerance]: [&Option<Placed<f64>>; 3],
 ) {
     let Some(limit) = limit else { return };
-    let unit = keys.units[0];
+    let unit = keys.kind.offset_unit();
     let wrong = |found: &Placed<f64>, key: &'static str, where_: &str, remedy: &str| {
         let message = format!(
             "{} is {} {unit}, {where_} {} ({limit} {unit})",
@@ -434,7 +428,7 @@ fn read_soft_limits(section: &Section<'_>, keys: &AxisKeys) -> [f64; 2] {
         );
         section.report(Diagnostic::at(list.place, message, "write the lower end first"));
     }
-    [(keys.position)(low), (keys.position)(high)]
+    [keys.kind.position_in(low), keys.kind.position_in(high)]
 }
 
 fn read_realtime(realtime: &Section<'_>) -> RealtimeConfig {

@@ -6,8 +6,8 @@ use volcomp_config::MachineConfig;
 use volcomp_engine::fault;
 use volcomp_protocol::record::{Change, Cycle, Entry, Item};
 use volcomp_protocol::{ControlHello, MachineState, Tool};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
+use volcomp_units::axes::AxisName;
+use volcomp_units::{MonoTime, NS_PER_S};
 
 /// Kind of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -194,7 +194,7 @@ impl Rows {
         if self.axes.is_empty() {
             let deadband = |name: AxisName| {
                 let inside = self.config.as_ref()?.axes.iter().find(|a| a.name == name)?.reversal_deadband;
-                Some(if name.kind() == AxisKind::Rotary { deg_from_rad(inside) } else { inside })
+                Some(name.kind().position_out(inside))
             };
             self.axes = names
                 .iter()
@@ -268,10 +268,8 @@ impl Rows {
         }
         for (k, axis) in self.axes.iter().enumerate() {
             let (letter, unit, fine) = (axis.name.lower(), position_unit(axis.name), offset_unit(axis.name));
-            let offset = |v: f64| match axis.name.kind() {
-                AxisKind::Linear => um_from_mm(v),
-                AxisKind::Rotary => arcsec_from_rad(rad_from_deg(v)),
-            };
+            let kind = axis.name.kind();
+            let offset = |v: f64| kind.offset_out(kind.position_in(v));
             let moved = axis.motion.filter(|m| m.direction != 0);
             let bit = |bits: Option<u8>| bits.map_or(Cell::Empty, |b| Cell::flag(b >> k & 1 == 1));
             let mut add = |name: &dyn Fn() -> String, cell| put(name, Kind::Number, cell);
