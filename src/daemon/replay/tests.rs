@@ -224,7 +224,7 @@ fn the_lag_is_measured_in_the_replay_as_it_was() {
 fn harmonics_fade_in_the_replay_as_they_did() {
     // 150 mm/s and half a cycle of doubt are 0.08 mm: a wave of 0.4 mm cannot be placed
     let wave = "[[errors.exx.fourier]]\norigin-mm = 0\nspan-mm = 850\nperiod-mm = 0.4\nsin-um = [1.0]\n";
-    let text = loaded().model_text;
+    let text = loaded().model.text;
     let at = text.find("[[errors.exx.fourier]]").expect("in the example");
     let mut loaded = loaded();
     loaded.model.model = model(&[&text[..at], wave, &text[at..]].concat());
