@@ -137,6 +137,7 @@ mod tests {
     use super::*;
     use volcomp_model::Chain;
     use volcomp_model::spec::AxisSpec;
+    use volcomp_units::axes::AxisName;
 
     /// The notes of axis X with a travel of 0 to 850 mm and these keys instead of ordinary ones.
     fn noted(keys: &[(&str, &str)]) -> Vec<String> {
