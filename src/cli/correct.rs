@@ -13,8 +13,8 @@ use super::quantities::{offset_as_is, offset_unit};
 use super::{EX_DATAERR, Failure};
 use volcomp_formats::part_program::{Corrected, Request, correct};
 use volcomp_model::Model;
-use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+use volcomp_units::axes::{AxisName, MAX_AXES};
+use volcomp_units::{mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// Correct the positions of a part program by a model, block by block
 ///
@@ -76,10 +76,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let found = model.axes().position(|a| a.name == *axis);
         found.ok_or_else(|| usage!("axis {axis} is not in the chain of the model"))
     };
-    let inside = |axis: AxisName, value: f64| match axis.kind() {
-        AxisKind::Linear => value,
-        AxisKind::Rotary => rad_from_deg(value),
-    };
     let mut request = Request {
         model: &model,
         corrected: core::array::from_fn(|k| {
@@ -94,10 +90,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         request.corrected[index(axis)?] = true;
     }
     for (axis, value) in &args.start {
-        request.start[index(axis)?] = Some(inside(*axis, *value));
+        request.start[index(axis)?] = Some(axis.kind().position_in(*value));
     }
     for (axis, value) in &args.work_offset {
-        request.work_offset[index(axis)?] = inside(*axis, *value);
+        request.work_offset[index(axis)?] = axis.kind().position_in(*value);
     }
     let text = input::read_text(&args.gcode, InputKind::PartProgram)?;
     let corrected =

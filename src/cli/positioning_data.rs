@@ -16,7 +16,6 @@ use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 /// How the data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -210,10 +209,7 @@ pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningT
 
 /// The `.dat` of ecmc loggers.
 pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest, Failure> {
-    iso230_dat::parse(text).map_err(|e| {
-        let place = if e.line == 0 { String::new() } else { format!("{}:{}: ", e.line, e.column) };
-        failure!(EX_DATAERR, "{file}:{place}{}{}", if e.line == 0 { " " } else { "" }, e.kind)
-    })
+    iso230_dat::parse(text).map_err(|e| format_failure(file, &e))
 }
 
 /// Columns of a positioning test in a table, and their units.
@@ -250,15 +246,11 @@ impl TestColumns {
     /// The reading of the current row.
     pub(super) fn reading<R: BufRead>(&self, table: &Table<R>) -> Result<Reading, Failure> {
         let (target, deviation) = (table.number(self.target)?, table.number(self.deviation)?);
-        let (position, value) = match self.kind {
-            AxisKind::Linear => (target, mm_from_um(deviation)),
-            AxisKind::Rotary => (rad_from_deg(target), rad_from_arcsec(deviation)),
-        };
         Ok(Reading {
             cycle: table.count(self.cycle)?,
             travel: table.travel(self.direction)?,
-            position,
-            value,
+            position: self.kind.position_in(target),
+            value: self.kind.offset_in(deviation),
         })
     }
 }

@@ -6,23 +6,16 @@ use crate::numerals::{figure, plain};
 use crate::units::Units;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Chain, ErrorSymbol, Pose};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// Unit of an axis offset on the outside.
 pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "um",
-        AxisKind::Rotary => "arcsec",
-    }
+    axis.kind().offset_unit()
 }
 
 /// An axis offset in its outside unit, as it is.
 pub(crate) fn offset_as_is(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => um_from_mm(v),
-        AxisKind::Rotary => arcsec_from_rad(v),
-    }
+    axis.kind().offset_out(v)
 }
 
 /// An axis offset in its outside unit.
@@ -32,18 +25,12 @@ pub(crate) fn offset_out(axis: AxisName, v: f64) -> f64 {
 
 /// Unit of an axis position on the outside.
 pub(crate) const fn position_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "mm",
-        AxisKind::Rotary => "deg",
-    }
+    axis.kind().position_unit()
 }
 
 /// An axis position in its outside unit.
 pub(crate) fn position_out(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => rounded(v),
-        AxisKind::Rotary => rounded(deg_from_rad(v)),
-    }
+    rounded(axis.kind().position_out(v))
 }
 
 /// Unit of an error on the outside.

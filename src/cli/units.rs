@@ -31,10 +31,8 @@ impl Units {
     }
 
     fn over(angle: bool, kind: AxisKind) -> Self {
-        let (position, of_position): (_, fn(f64) -> f64) = match kind {
-            AxisKind::Linear => ("mm", |v| v),
-            AxisKind::Rotary => ("deg", deg_from_rad),
-        };
+        let of_position = if kind.is_rotary() { deg_from_rad } else { core::convert::identity };
+        let position = kind.position_unit();
         if angle {
             let (of_value, to_inner) = (arcsec_from_rad, rad_from_arcsec);
             Self { value: "arcsec", position, of_value, to_inner, of_position }

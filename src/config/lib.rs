@@ -17,9 +17,9 @@ mod syntax;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
-    AxisConfig, EngineSettings, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget,
-    MachineConfig, ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode,
-    StateConfig, StatusConfig, TlsConfig, WhenFull,
+    AxisConfig, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode, StateConfig,
+    StatusConfig, TlsConfig, WhenFull,
 };
 pub use machine::{HttpConfig, MqttConfig, MtconnectConfig};
 pub use model::{Measured, ModelFile, Provenance, SourceEntry};

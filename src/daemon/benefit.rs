@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::channels::CycleRecord;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, Pose};
-use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{MonoTime, rad_from_deg, um_from_mm};
+use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp_units::{MonoTime, um_from_mm};
 
 /// Length of a slot, s.
 const SLOT_S: f64 = 60.0;
@@ -126,18 +126,14 @@ fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64)
         return None;
     }
     let wire_index = |name: AxisName| axes.iter().take(MAX_AXES).position(|axis| *axis == name);
-    let internal = |axis: AxisName, value: f64| match axis.kind() {
-        AxisKind::Linear => value,
-        AxisKind::Rotary => rad_from_deg(value),
-    };
     let mut pose = Pose::at([0.0; MAX_AXES]);
     let [mut whole, mut left]: [AxisArray; 2] = [[0.0; MAX_AXES]; 2];
     for (k, axis) in model.axes().enumerate() {
         let Some(wire) = wire_index(axis.name) else { continue };
         let wanted = record.wanted[wire] / gain;
-        pose.position[k] = internal(axis.name, record.position[wire]);
+        pose.position[k] = axis.name.kind().position_in(record.position[wire]);
         whole[k] = wanted;
-        left[k] = wanted - internal(axis.name, record.applied[wire]);
+        left[k] = wanted - axis.name.kind().position_in(record.applied[wire]);
     }
     let tip = |offset: &AxisArray| {
         let mut moved = pose;

@@ -4,7 +4,7 @@
 //! these channels: a sleeping receiver would make the sender take the channel's wake-up lock; it polls instead.
 
 use core::sync::atomic::{
-    AtomicBool, AtomicI64, AtomicU8, AtomicU64,
+    AtomicBool, AtomicI64, AtomicU8, AtomicU16, AtomicU64,
     Ordering::{Acquire, Relaxed, Release},
 };
 use std::net::SocketAddr;
@@ -209,10 +209,10 @@ pub(super) struct Progress {
     stop: AtomicU8,
     /// The cycle thread has ended.
     pub(super) cycle_ended: AtomicBool,
-    /// State of the engine, as [`state_code`].
+    /// State of the engine, by its code.
     state: AtomicU8,
-    /// Why an enabled compensation waits: its place in [`Reason::ALL`] and one more, or 0.
-    waits_for: AtomicU8,
+    /// Why an enabled compensation waits, by its number in the catalogue, or 0.
+    waits_for: AtomicU16,
     /// Whether the link is up.
     link: AtomicBool,
     /// Whether compensation is wanted by the operator or the configuration.
@@ -267,17 +267,17 @@ impl Progress {
     }
 
     pub(super) fn set_state(&self, state: State) {
-        self.state.store(state_code(state), Relaxed);
+        self.state.store(state.code(), Relaxed);
     }
 
     pub(super) fn set_waits_for(&self, reason: Option<Reason>) {
-        self.waits_for.store(reason.map_or(0, |reason| reason as u8 + 1), Relaxed);
+        self.waits_for.store(reason.map_or(0, |reason| reason as u16), Relaxed);
     }
 
     /// Why an enabled compensation waits.
     pub(super) fn waits_for(&self) -> Option<Reason> {
-        let place = usize::from(self.waits_for.load(Relaxed));
-        Reason::ALL.get(place.checked_sub(1)?).copied()
+        let number = self.waits_for.load(Relaxed);
+        Reason::ALL.into_iter().find(|reason| *reason as u16 == number)
     }
 
     pub(super) fn set_link(&self, up: bool) {
@@ -296,32 +296,7 @@ impl Progress {
 
     fn engine_state(&self) -> State {
         let code = self.state.load(Relaxed);
-        STATES.into_iter().find(|s| state_code(*s) == code).unwrap_or(State::Off)
-    }
-}
-
-/// Every state of the engine.
-pub(super) const STATES: [State; 8] = [
-    State::Off,
-    State::Armed,
-    State::RampingIn,
-    State::Active,
-    State::Holding,
-    State::RampingOut,
-    State::Faulted,
-    State::FadingToStatic,
-];
-
-const fn state_code(state: State) -> u8 {
-    match state {
-        State::Off => 0,
-        State::Armed => 1,
-        State::RampingIn => 2,
-        State::Active => 3,
-        State::Holding => 4,
-        State::RampingOut => 5,
-        State::Faulted => 6,
-        State::FadingToStatic => 7,
+        State::from_code(code).unwrap_or(State::Off)
     }
 }
 
@@ -391,7 +366,7 @@ mod tests {
     fn every_state_survives_its_code() {
         let progress = Progress::default();
         progress.set_link(true);
-        for state in STATES {
+        for state in State::ALL {
             progress.set_state(state);
             assert_eq!(progress.state(), Some(state));
         }

@@ -53,7 +53,7 @@ impl Control {
     /// `permitted`: nothing speaks against compensating from the start, where that is configured.
     pub(super) fn new(channels: CycleChannels, config: &MachineConfig, start: Start) -> Self {
         let Start { model, permitted, kept_fault, live, service_silent_s } = start;
-        let begins = config.engine.start == StartMode::OnConnect && permitted && !kept_fault;
+        let begins = config.start == StartMode::OnConnect && permitted && !kept_fault;
         channels.progress.wanted.store(begins, Relaxed);
         if kept_fault {
             channels.progress.set_state(State::Faulted);

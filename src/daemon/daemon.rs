@@ -372,12 +372,12 @@ fn log_start(config: &Path, loaded: &Loaded) {
         version = env!("CARGO_PKG_VERSION"),
         config = %config.display(),
         machine = machine.machine,
-        model = %loaded.model_path.display(),
-        model_hash = loaded.model_hash,
+        model = %loaded.model.origin,
+        model_hash = loaded.model.hash,
         control = %machine.link.address,
         tls = loaded.identity.is_some(),
         cycle_s = machine.link.cycle_s,
-        start = ?machine.engine.start,
+        start = ?machine.start,
         "volcompd starts"
     );
     if machine.link.is_exposed() {

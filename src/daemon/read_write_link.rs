@@ -12,10 +12,9 @@ use super::connection::Connection;
 use super::link::{CallTimes, ControlLink, Received};
 use volcomp_protocol::read_write::{HOLD_MAX_MS, LINE_MAX, LineError, LineReader, Machine, Reply, Request};
 use volcomp_protocol::{
-    Axis, AxisUnit, CloseReason, ControlHello, Correction, CorrectionState, ErrorCode, ErrorReport,
-    FrameError, Message, Name, PROTOCOL_VERSION,
+    Axis, CloseReason, ControlHello, Correction, CorrectionState, ErrorCode, ErrorReport, FrameError,
+    Message, Name, PROTOCOL_VERSION,
 };
-use volcomp_units::axes::AxisKind;
 use volcomp_units::{MonoTime, NS_PER_S};
 
 /// Share of a new call time in the mean.
@@ -269,14 +268,7 @@ fn mean(mean: &mut i64, value: i64) {
 }
 
 fn hello(machine: &Machine) -> ControlHello {
-    let axis = |k: usize| {
-        let name = machine.axes[if k < machine.axis_count { k } else { 0 }];
-        let unit = match name.kind() {
-            AxisKind::Linear => AxisUnit::Millimetre,
-            AxisKind::Rotary => AxisUnit::Degree,
-        };
-        Axis { name, unit }
-    };
+    let axis = |k: usize| Axis::new(machine.axes[if k < machine.axis_count { k } else { 0 }]);
     ControlHello {
         version: PROTOCOL_VERSION,
         machine: machine.machine,

@@ -297,10 +297,10 @@ impl Stage {
         }
         let hello = hello(&loaded.config.machine);
         let config = loaded.config.engine_config(&hello).expect("the hello fits");
-        let mut session = LinkSession::new(&config, Arc::clone(&loaded.model)).expect("an engine");
+        let mut session = LinkSession::new(&config, Arc::clone(&loaded.model.model)).expect("an engine");
         let control = {
             let start = super::control::Start {
-                model: Arc::clone(&loaded.model),
+                model: Arc::clone(&loaded.model.model),
                 permitted: true,
                 kept_fault: false,
                 service_silent_s: 0.0,

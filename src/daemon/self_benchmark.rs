@@ -19,11 +19,11 @@ use volcomp_config::machine::HelloMismatch;
 use volcomp_engine::{Command, EngineError};
 use volcomp_model::Model;
 use volcomp_protocol::{
-    Axis, AxisUnit, ControlHello, CorrectionState, FrameReader, MAX_FRAME, MachineState, Message, Name,
+    Axis, ControlHello, CorrectionState, FrameReader, MAX_FRAME, MachineState, Message, Name,
     PROTOCOL_VERSION, Position, encode,
 };
-use volcomp_units::axes::{AxisArray, AxisKind, MAX_AXES};
-use volcomp_units::{MonoTime, NS_PER_S, deg_from_rad};
+use volcomp_units::axes::{AxisArray, MAX_AXES};
+use volcomp_units::{MonoTime, NS_PER_S};
 
 /// Live values that are fed, mm or rad: a fraction of what models believe.
 const LIVE: f64 = 1e-6;
@@ -92,12 +92,12 @@ fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<SelfBenchmark, SelfBen
     let realtime = realtime::apply(&loaded.config.realtime).status();
     let hello = hello(loaded);
     let config = loaded.config.engine_config(&hello)?;
-    let mut session = LinkSession::new(&config, loaded.model.clone())?;
+    let mut session = LinkSession::new(&config, loaded.model.model.clone())?;
     let (tap, entries) = tap(ENTRIES);
     session.record_to(tap, MonoTime::ZERO, &hello);
     session.link_up(MonoTime::ZERO);
     session.command(MonoTime::ZERO, Command::Enable);
-    let sensors = loaded.model.sensors().len();
+    let sensors = loaded.model.model.sensors().len();
     let mut stage = Stage {
         session,
         sensors,
@@ -114,7 +114,7 @@ fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<SelfBenchmark, SelfBen
     let mut state = CorrectionState::Off;
     for cycle in 1..=settle + cycles {
         let time_s = cycle as f64 * config.cycle_s;
-        let frame = position(&loaded.model, &hello, cycle, time_s, &stage.applied);
+        let frame = position(&loaded.model.model, &hello, cycle, time_s, &stage.applied);
         let live = LIVE * (cycle as f64 * 0.01).sin();
         let took = stage.cycle(&frame, MonoTime::ZERO.plus_seconds(time_s), live);
         if cycle > settle {
@@ -226,20 +226,10 @@ fn clock_cost(readings: u64) -> Result<u64, hdrhistogram::CreationError> {
 
 /// A control with the axes of the model, in its order.
 fn hello(loaded: &Loaded) -> ControlHello {
-    let axes: Vec<Axis> = loaded
-        .model
-        .axes()
-        .filter(|a| !a.spindle)
-        .map(|a| {
-            let unit = match a.name.kind() {
-                AxisKind::Linear => AxisUnit::Millimetre,
-                AxisKind::Rotary => AxisUnit::Degree,
-            };
-            Axis { name: a.name, unit }
-        })
-        .collect();
+    let axes: Vec<Axis> =
+        loaded.model.model.axes().filter(|a| !a.spindle).map(|a| Axis::new(a.name)).collect();
     let last = axes.len().saturating_sub(1);
-    let fallback = Axis { name: volcomp_units::axes::AxisName::X, unit: AxisUnit::Millimetre };
+    let fallback = Axis::new(volcomp_units::axes::AxisName::X);
     ControlHello {
         version: PROTOCOL_VERSION,
         machine: Name::new(&loaded.config.machine),
@@ -261,11 +251,11 @@ fn position(model: &Model, hello: &ControlHello, cycle: u64, time_s: f64, applie
     for (k, (joint, axis)) in joints.enumerate().take(usize::from(hello.axis_count)) {
         // without a travel in the model any will do
         let [low, high] = model.travel(joint).unwrap_or([0.0, 1.0]);
-        let fastest = TOUR_SPEED[usize::from(axis.name.kind() == AxisKind::Rotary)];
+        let fastest = TOUR_SPEED[usize::from(axis.name.kind().is_rotary())];
         let rate = (fastest / (0.45 * (high - low))).min(1.0 / (1.0 + 0.37 * k as f64));
         let phase = 0.6 + k as f64 + rate * time_s;
         let at = low + (high - low) * (0.5 + 0.45 * phase.sin());
-        commanded[k] = if axis.name.kind() == AxisKind::Rotary { deg_from_rad(at) } else { at };
+        commanded[k] = axis.name.kind().position_out(at);
     }
     Message::Position(Position {
         sequence: u32::try_from(cycle % (1 << 32)).unwrap_or_default(),

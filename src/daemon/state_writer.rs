@@ -62,7 +62,7 @@ impl StateWriter {
         let Some(directory) = directory(config_path, loaded) else {
             let lost = "no state directory ([state] directory): orders, a latched fault, counters and audit log do not \
                         outlive the daemon";
-            match loaded.config.engine.start {
+            match loaded.config.start {
                 StartMode::OnConnect => {
                     warn!(
                         "{lost}; with start = \"on-connect\" a restart undoes `disable` and a latched fault"

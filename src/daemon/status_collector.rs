@@ -26,7 +26,7 @@ use volcomp_engine::{Detail, Event, Quantity, Reason, ShadowScore, State};
 use volcomp_model::ModelSpec;
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
+use volcomp_units::{MonoTime, NS_PER_S};
 
 /// A latched fault.
 #[derive(Debug, Clone)]
@@ -66,7 +66,7 @@ impl StatusCollector {
         clock: Clock,
     ) -> Result<Self, CreationError> {
         Ok(Self {
-            spec: loaded.spec.clone(),
+            spec: loaded.model.spec.clone(),
             loaded,
             progress,
             clock,
@@ -168,7 +168,7 @@ impl StatusCollector {
         match (self.up, self.progress.state()) {
             (true, Some(state)) => format!(
                 "{}, {} cycles, {} late",
-                state_name(state),
+                state.name(),
                 self.progress.cycles.load(Relaxed),
                 self.progress.late.load(Relaxed)
             ),
@@ -178,14 +178,15 @@ impl StatusCollector {
 
     /// The present state, as in [`Status`].
     pub(super) fn state(&self) -> &'static str {
-        self.progress.state().map_or("disconnected", state_name)
+        self.progress.state().map_or("disconnected", State::name)
     }
 
     pub(super) fn status(&self) -> Status {
         let now = self.clock.now();
         let last = self.last.filter(|_| self.up);
         let axes = self.axes();
-        let asked = last.filter(|r| r.answered).map(|r| axis_maps(&axes, |k| internal(axes[k], r.offset[k])));
+        let asked =
+            last.filter(|r| r.answered).map(|r| axis_maps(&axes, |k| axes[k].kind().offset_out(r.offset[k])));
         let applied = last.map(|r| axis_maps(&axes, |k| wire(axes[k], r.applied[k])));
         let position = last.map(|r| axis_maps(&axes, |k| r.position[k]));
         let (position_mm, position_deg) = position.unwrap_or_default();
@@ -198,8 +199,8 @@ impl StatusCollector {
             state: self.state().to_owned(),
             enabled: self.progress.wanted.load(Relaxed),
             machine: self.loaded.config.machine.clone(),
-            model: self.loaded.model_path.display().to_string(),
-            model_hash: self.loaded.model_hash.clone(),
+            model: self.loaded.model.origin.clone(),
+            model_hash: self.loaded.model.hash.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             pid: std::process::id(),
             uptime_s: now.seconds_since(MonoTime::ZERO),
@@ -279,13 +280,9 @@ impl StatusCollector {
     /// Shadow mode for the status.
     pub(super) fn shadow(&self, state: State, score: &ShadowScore) -> ShadowStatus {
         let axis = |(k, name): (usize, &AxisName)| {
-            let (unit, of): (_, fn(f64) -> f64) = match name.kind() {
-                AxisKind::Linear => ("um", um_from_mm),
-                AxisKind::Rotary => ("arcsec", arcsec_from_rad),
-            };
-            let found = score.axes[k];
+            let (found, of) = (score.axes[k], |v| name.kind().offset_out(v));
             let values = ShadowAxis {
-                unit: unit.to_owned(),
+                unit: name.kind().offset_unit().to_owned(),
                 before_rms: of(score.before_rms(k)?),
                 before_max: of(found.before_max),
                 after_rms: of(score.after_rms(k)?),
@@ -295,7 +292,7 @@ impl StatusCollector {
             Some((letter(*name), values))
         };
         ShadowStatus {
-            state: state_name(state).to_owned(),
+            state: state.name().to_owned(),
             cycles: score.cycles,
             active_cycles: score.active_cycles,
             faults: score.faults,
@@ -344,9 +341,9 @@ impl StatusCollector {
         let travel = axis.filter(|_| is_place);
         let travel = travel.and_then(|axis| Some((axis, self.spec.axis(axis).travel?)));
         if let Some((axis, ends)) = travel {
-            let [low, high] = ends.map(|end| if is_rotary(axis) { deg_from_rad(end) } else { end });
+            let [low, high] = ends.map(|end| axis.kind().position_out(end));
             if detail.value < low || detail.value > high {
-                let unit = if is_rotary(axis) { "deg" } else { "mm" };
+                let unit = axis.kind().position_unit();
                 let place = words_apart(detail.value, if detail.value < low { low } else { high }, unit);
                 let [low, high] = [low, high].map(|end| figure((end * 1e6).round() / 1e6));
                 return Some(format!("{}: {place}, travel {low} to {high} {unit}", letter(axis)));
@@ -402,7 +399,7 @@ impl StatusCollector {
         };
         let offset = |(k, name): (usize, &AxisName)| {
             let listed = self.loaded.config.axes.iter().find(|axis| axis.name == *name)?;
-            let scale = if name.kind() == AxisKind::Rotary { rad_from_deg(1.0) } else { 1.0 };
+            let scale = name.kind().position_in(1.0);
             let (value, limit) = if last.answered {
                 (last.offset[k] / scale, 0.0)
             } else {
@@ -421,12 +418,9 @@ impl StatusCollector {
 
     fn limits(&self) -> BTreeMap<String, AxisLimitStatus> {
         let limits = |axis: &AxisConfig| {
-            let (unit, of): (_, fn(f64) -> f64) = match axis.name.kind() {
-                AxisKind::Linear => ("um", um_from_mm),
-                AxisKind::Rotary => ("arcsec", arcsec_from_rad),
-            };
-            let (warning, limit) = (of(axis.limits.warning), of(axis.limits.size));
-            (letter(axis.name), AxisLimitStatus { unit: unit.to_owned(), warning, limit })
+            let kind = axis.name.kind();
+            let [warning, limit] = [axis.limits.warning, axis.limits.size].map(|v| kind.offset_out(v));
+            (letter(axis.name), AxisLimitStatus { unit: kind.offset_unit().to_owned(), warning, limit })
         };
         self.loaded.config.axes.iter().map(limits).collect()
     }
@@ -466,20 +460,9 @@ fn axis_maps(axes: &[AxisName], value: impl Fn(usize) -> f64) -> (AxisMap, AxisM
     (of(AxisKind::Linear), of(AxisKind::Rotary))
 }
 
-/// From mm or rad to um or arcsec.
-fn internal(axis: AxisName, value: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => um_from_mm(value),
-        AxisKind::Rotary => arcsec_from_rad(value),
-    }
-}
-
 /// From mm or deg to um or arcsec.
 fn wire(axis: AxisName, value: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => um_from_mm(value),
-        AxisKind::Rotary => arcsec_from_rad(rad_from_deg(value)),
-    }
+    axis.kind().offset_out(axis.kind().position_in(value))
 }
 
 /// Axis, value and limit of a detail; the travel is not looked at.
@@ -520,10 +503,6 @@ fn figure(v: f64) -> String {
 /// From here numbers have an exponent.
 const LONG: f64 = 1e9;
 
-fn is_rotary(axis: AxisName) -> bool {
-    axis.kind() == AxisKind::Rotary
-}
-
 fn letter(axis: AxisName) -> String {
     axis.lower().to_string()
 }
@@ -538,20 +517,6 @@ fn machine_state(state: MachineState) -> Vec<String> {
         (MachineState::OFFSET_RAMPING_OUT, "offset-ramping-out"),
     ];
     names.iter().filter(|(bit, _)| state.has(*bit)).map(|(_, name)| (*name).to_owned()).collect()
-}
-
-/// Name of a state in status and log.
-pub(super) const fn state_name(state: State) -> &'static str {
-    match state {
-        State::Off => "off",
-        State::Armed => "armed",
-        State::RampingIn => "ramping-in",
-        State::Active => "active",
-        State::Holding => "holding",
-        State::RampingOut => "ramping-out",
-        State::Faulted => "faulted",
-        State::FadingToStatic => "fading-to-static",
-    }
 }
 
 #[cfg(test)]

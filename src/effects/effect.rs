@@ -47,6 +47,17 @@ pub enum Measurement {
     WholeTravel,
 }
 
+/// A measurement procedure.
+#[derive(Debug)]
+pub struct Procedure {
+    /// What it measures.
+    pub motion: Measurement,
+    /// What is to be done, in the imperative.
+    pub action: &'static str,
+    /// Preparation by somebody who has done it before: mounting, alignment, warm-up, min.
+    pub prepare_min: f64,
+}
+
 /// An effect: everything about it but the formulas of its variants, which stand beside it in [`crate::library`].
 #[derive(Debug)]
 pub struct Effect {

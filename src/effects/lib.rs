@@ -24,10 +24,10 @@ pub mod shape;
 mod signal;
 mod units;
 
-pub use effect::{Effect, Kind, Label, LabelError, Measurement, Subject, Subjects, Without};
+pub use effect::{Effect, Kind, Label, LabelError, Measurement, Procedure, Subject, Subjects, Without};
 pub use frame::RotaryFrame;
 pub use lever::Lever;
-pub use library::{EFFECTS, forms, squareness_symbol};
+pub use library::{EFFECTS, PROCEDURES, forms, squareness_symbol};
 pub use polynomial::{legendre, twist};
 pub use shape::{REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
 pub use signal::{Follower, Signal};

@@ -8,7 +8,7 @@ use core::fmt;
 use serde::{Deserialize, Serialize};
 
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
-use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::axes::AxisName;
 
 /// Number of axes that session files know.
 pub const SLOTS: usize = 6;
@@ -72,19 +72,13 @@ impl Axis {
     /// The column of its position.
     #[must_use]
     pub fn column(self) -> String {
-        match self.name().kind() {
-            AxisKind::Linear => format!("{self}_mm"),
-            AxisKind::Rotary => format!("{self}_deg"),
-        }
+        format!("{self}_{}", self.name().kind().position_unit())
     }
 
     /// The column of its velocity.
     #[must_use]
     pub fn velocity_column(self) -> String {
-        match self.name().kind() {
-            AxisKind::Linear => format!("v{self}_mm_per_s"),
-            AxisKind::Rotary => format!("v{self}_deg_per_s"),
-        }
+        format!("v{self}_{}_per_s", self.name().kind().position_unit())
     }
 
     /// The column of its acceleration.

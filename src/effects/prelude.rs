@@ -4,6 +4,7 @@ pub(crate) use core::f64::consts::{PI, TAU};
 
 pub(crate) use serde::{Deserialize, Serialize};
 
+pub(crate) use crate::Subject;
 pub(crate) use crate::addition::Entry;
 pub(crate) use crate::data::{Data, Variants};
 pub(crate) use crate::drawing::{Branch, Drawing, Over, Weight};
@@ -15,7 +16,6 @@ pub(crate) use crate::lever::Lever;
 pub(crate) use crate::machine_state::{Axis, MachineState, Source};
 pub(crate) use crate::shape::{Form, REFERENCE_DEGC, Read, STILL, Shape, Span, UM_PER_ARCSEC_MM, WIDTH_MAX};
 pub(crate) use crate::signal::Signal;
-pub(crate) use crate::{Effect, Kind, Measurement, Subjects};
 pub(crate) use volcomp_model::Law;
 pub(crate) use volcomp_model::geometry::{Mat3, Vec3, unit};
 pub(crate) use volcomp_units::{RAD_PER_ARCSEC, mm_from_um};

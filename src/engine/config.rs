@@ -78,8 +78,8 @@ pub enum LimitTime {
     Computer,
 }
 
-/// Everything the engine is configured with. Axes are in the control's wire order.
-#[derive(Debug, Clone, PartialEq)]
+/// Everything the engine is configured with. Axes are in the control's wire order. The default is no valid configuration.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct EngineConfig {
     /// Axis letters in the order of the link.
     pub axes: Vec<AxisName>,

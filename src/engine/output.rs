@@ -23,58 +23,58 @@ pub enum Command {
     KeepFault,
 }
 
-/// Why a state was entered.
+/// Why a state was entered, with its number in the catalogue of faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reason {
     /// A command.
-    Command,
+    Command = 1001,
     /// The machine became ready (homed, enabled, no emergency stop).
-    MachineReady,
+    MachineReady = 1002,
     /// The machine is not homed.
-    NotHomed,
+    NotHomed = 2001,
     /// The drives are off.
-    NotEnabled,
+    NotEnabled = 2002,
     /// Emergency stop.
-    EmergencyStop,
+    EmergencyStop = 2003,
     /// A ramp has ended.
-    RampDone,
+    RampDone = 1003,
     /// No fresh position.
-    Stale,
+    Stale = 3001,
     /// A position was NaN or infinite.
-    NotFinite,
+    NotFinite = 3002,
     /// A position jumped further than is plausible.
-    Jump,
+    Jump = 3003,
     /// Frames out of order or repeated.
-    Sequence,
+    Sequence = 3004,
     /// The control's clock went backwards or jumped.
-    ControlClock,
+    ControlClock = 3005,
     /// An axis is outside the travel of the model.
-    OutOfTravel,
+    OutOfTravel = 3007,
     /// Fresh, plausible data again.
-    DataGood,
+    DataGood = 1004,
     /// The offset read back is not the one that was sent.
-    ReadBack,
+    ReadBack = 4001,
     /// The control reports an offset that it cannot have been sent: beyond the limits, or beyond twice the limits on a
     /// new link.
-    ImplausibleOffset,
+    ImplausibleOffset = 4007,
     /// The control holds an offset that was left by somebody else.
-    FoundOffset,
+    FoundOffset = 4002,
     /// The control has been taking the offset back by itself.
-    ControlTookOver,
+    ControlTookOver = 4003,
     /// The control says that it moves, but its positions do not change.
-    Frozen,
+    Frozen = 3006,
     /// The correction asked for is beyond the stop limit of an axis.
-    StopLimit,
+    StopLimit = 4004,
     /// The model gave something that is not a number.
-    ModelNotFinite,
+    ModelNotFinite = 5001,
     /// Another model.
-    ModelChanged,
+    ModelChanged = 1005,
     /// Another tool.
-    ToolChanged,
+    ToolChanged = 1006,
     /// A sensor whose live value is in use has fallen silent.
-    LiveLost,
+    LiveLost = 8001,
     /// Positions stayed away, or could not be used, until the offset was back at zero.
-    DataLost,
+    DataLost = 3008,
 }
 
 impl Reason {

@@ -135,6 +135,16 @@ pub enum FormatErrorKind {
         /// The number found.
         found: u64,
     },
+    /// A column that is not the difference of two others.
+    #[error(
+        "measured minus nominal is {difference:.3} mm, the error column says {stated:.3} mm; are the columns in order?"
+    )]
+    Contradiction {
+        /// From the places, mm.
+        difference: f64,
+        /// From the error column, mm.
+        stated: f64,
+    },
     /// More entries than the format or this program allows.
     #[error("{what}: {found} found, the limit is {limit}")]
     TooMany {

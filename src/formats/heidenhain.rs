@@ -15,7 +15,6 @@ use super::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_ax
 use super::text::{Word, lines, rounded, words};
 use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{deg_from_rad, rad_from_deg};
 
 /// What the values of a table are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -196,7 +195,6 @@ fn build(
     let position = find(ColumnKind::Position).unwrap_or(0);
     let backlash = find(ColumnKind::Backlash);
     let backlash_empty = backlash.is_some_and(|c| rows.iter().all(|(_, r)| r[c] == 0.0));
-    let angle = |kind: AxisKind, v: f64| if kind == AxisKind::Rotary { rad_from_deg(v) } else { v };
     let mut errors = Vec::new();
     for (i, (_, kind)) in columns.iter().enumerate() {
         let ColumnKind::Axis(corrected) = *kind else { continue };
@@ -206,9 +204,9 @@ fn build(
             .iter()
             .map(|(line, r)| Row {
                 line: *line,
-                position: angle(axis.kind(), r[position]),
-                forward: sign.apply(angle(corrected.kind(), r[i])),
-                reverse: sign.apply(angle(corrected.kind(), r[reverse])),
+                position: axis.kind().position_in(r[position]),
+                forward: sign.apply(corrected.kind().position_in(r[i])),
+                reverse: sign.apply(corrected.kind().position_in(r[reverse])),
             })
             .collect();
         let function = curve(&table, corrected.kind())?;
@@ -258,16 +256,15 @@ pub fn write(
     }
     let table = sample_axis(&motions, &components, sampling, &LIMITS)?;
     let backlash = table.columns[0].reverse.as_ref().filter(|_| components[0] == own);
-    let angle = |kind: AxisKind, v: f64| if kind == AxisKind::Rotary { deg_from_rad(v) } else { v };
     let mut header = vec!["NR".to_owned(), "AXISPOS".to_owned()];
     header.extend(backlash.map(|_| "BACKLASH".to_owned()));
     header.extend(columns.iter().map(|(a, _)| a.to_string()));
     let mut out = format!("BEGIN {}.COM MM\r\n{}\r\n", axis.letter(), header.join(" "));
     for (i, q) in table.positions.iter().enumerate() {
-        let mut row = vec![i.to_string(), rounded(angle(axis.kind(), *q), 4)];
-        row.extend(backlash.map(|b| rounded(sign.apply(angle(axis.kind(), b[i])), 4)));
+        let mut row = vec![i.to_string(), rounded(axis.kind().position_out(*q), 4)];
+        row.extend(backlash.map(|b| rounded(sign.apply(axis.kind().position_out(b[i])), 4)));
         for ((corrected, _), column) in columns.iter().zip(&table.columns) {
-            row.push(rounded(sign.apply(angle(corrected.kind(), column.forward[i])), 4));
+            row.push(rounded(sign.apply(corrected.kind().position_out(column.forward[i])), 4));
         }
         out.push_str(&row.join(" "));
         out.push_str("\r\n");

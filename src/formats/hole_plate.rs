@@ -5,7 +5,8 @@
 //! hole per line below. Lines before the heading are kept as a title; blank lines and `#` comments are skipped. The
 //! error columns must be measured minus nominal to the rounding of the file, or the columns are not what they seem.
 
-use super::text::finite;
+use super::error::{FormatError, FormatErrorKind};
+use super::text::{Word, lines, words};
 use volcomp_evaluate::PlatePoint;
 
 /// A measured plate.
@@ -28,53 +29,6 @@ pub struct Hole {
     pub line: usize,
 }
 
-/// What is wrong, and where: 1-based line and column, in characters.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{line}:{column}: {kind}")]
-pub struct HolePlateError {
-    /// 1-based line; 0 where the file as a whole is wrong.
-    pub line: usize,
-    /// 1-based column.
-    pub column: usize,
-    /// What is wrong.
-    pub kind: HolePlateErrorKind,
-}
-
-/// What is wrong with a table of holes.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum HolePlateErrorKind {
-    /// No line names the columns.
-    #[error(
-        "no heading 'Meas X  Meas Y  Nom X  Nom Y  Err X  Err Y  Meas D  Nom D  Round'; is this a table of holes?"
-    )]
-    NoHeading,
-    /// Not a finite number.
-    #[error("'{text}' is not a finite number up to 1e30")]
-    BadNumber {
-        /// What stands there, shortened.
-        text: String,
-    },
-    /// Not nine numbers.
-    #[error("{found} fields, the heading has 9; is the line cut?")]
-    Fields {
-        /// Fields found.
-        found: usize,
-    },
-    /// The error column contradicts the places.
-    #[error(
-        "measured minus nominal is {difference:.3} mm, the error column says {stated:.3} mm; are the columns in order?"
-    )]
-    Contradiction {
-        /// From the places, mm.
-        difference: f64,
-        /// From the error column, mm.
-        stated: f64,
-    },
-    /// No hole at all.
-    #[error("no holes below the heading")]
-    Empty,
-}
-
 const HEADING: &str = "measxmeasynomxnomyerrxerrymeasdnomdround";
 /// Three roundings of a file written to 0.001 mm, with a little for their binary form.
 const ROUNDING: f64 = 1.6e-3;
@@ -94,61 +48,39 @@ pub fn recognises(text: &str) -> bool {
 ///
 /// # Errors
 /// What is wrong and where; nothing is returned of a damaged file.
-pub fn parse(text: &str) -> Result<HolePlate, HolePlateError> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+pub fn parse(text: &str) -> Result<HolePlate, FormatError> {
     let mut title: Vec<&str> = Vec::new();
     let mut holes: Option<Vec<Hole>> = None;
-    for (i, text) in text.lines().enumerate() {
-        let trimmed = text.trim();
-        if trimmed.is_empty() || trimmed.starts_with('#') {
-            continue;
-        }
+    for line in lines(text).filter(|l| !l.text.is_empty() && !l.text.starts_with('#')) {
         match &mut holes {
-            None if is_heading(trimmed) => holes = Some(Vec::new()),
-            None => title.push(trimmed),
-            Some(holes) => {
-                let line = i + 1;
-                let (place, diameter) =
-                    hole(text).map_err(|(column, kind)| HolePlateError { line, column, kind })?;
-                holes.push(Hole { place, diameter, line });
-            }
+            None if is_heading(line.text) => holes = Some(Vec::new()),
+            None => title.push(line.text),
+            Some(holes) => holes.push(hole(line)?),
         }
     }
-    let whole = |kind| HolePlateError { line: 0, column: 0, kind };
-    let holes = holes.ok_or_else(|| whole(HolePlateErrorKind::NoHeading))?;
+    let missing = |what, remedy| FormatError::of_file(FormatErrorKind::Missing { what, remedy });
+    let heading = "the heading 'Meas X  Meas Y  Nom X  Nom Y  Err X  Err Y  Meas D  Nom D  Round'";
+    let holes = holes.ok_or_else(|| missing(heading, "is this a table of holes?"))?;
     if holes.is_empty() {
-        return Err(whole(HolePlateErrorKind::Empty));
+        return Err(missing("a row below the heading", "there are no holes"));
     }
     Ok(HolePlate { title: title.join(", "), holes })
 }
 
-fn hole(line: &str) -> Result<(PlatePoint, f64), (usize, HolePlateErrorKind)> {
-    let mut values = [0.0; 9];
-    let mut columns = [0; 9];
-    let mut found = 0;
-    for word in line.split_whitespace() {
-        if let (Some(value), Some(place)) = (values.get_mut(found), columns.get_mut(found)) {
-            // a word is a slice of its line
-            let start = word.as_ptr() as usize - line.as_ptr() as usize;
-            *place = line.get(..start).map_or(1, |before| before.chars().count() + 1);
-            *value = finite(word).ok_or_else(|| {
-                let text = word.chars().take(40).collect();
-                (*place, HolePlateErrorKind::BadNumber { text })
-            })?;
-        }
-        found += 1;
-    }
-    if found != 9 {
-        return Err((1, HolePlateErrorKind::Fields { found }));
-    }
-    let [mx, my, nx, ny, ex, ey, _, diameter, _] = values;
-    for (measured, nominal, stated, column) in [(mx, nx, ex, columns[4]), (my, ny, ey, columns[5])] {
+fn hole(line: Word<'_>) -> Result<Hole, FormatError> {
+    let fields: Vec<Word<'_>> = words(line).collect();
+    let values = fields.iter().map(|w| w.number("a length in mm")).collect::<Result<Vec<_>, _>>()?;
+    let &[mx, my, nx, ny, ex, ey, _, diameter, _] = values.as_slice() else {
+        let (what, found) = ("fields under the heading", fields.len() as u64);
+        return Err(FormatError::at(line.line, 1, FormatErrorKind::Count { what, announced: 9, found }));
+    };
+    for (measured, nominal, stated, at) in [(mx, nx, ex, fields[4]), (my, ny, ey, fields[5])] {
         let difference = measured - nominal;
         if (difference - stated).abs() > ROUNDING {
-            return Err((column, HolePlateErrorKind::Contradiction { difference, stated }));
+            return Err(at.fail(FormatErrorKind::Contradiction { difference, stated }));
         }
     }
-    Ok((PlatePoint { nominal: [nx, ny], measured: [mx, my] }, diameter))
+    Ok(Hole { place: PlatePoint { nominal: [nx, ny], measured: [mx, my] }, diameter, line: line.line })
 }
 
 #[cfg(test)]
@@ -186,12 +118,12 @@ mod tests {
     #[test]
     fn damage_is_named_with_its_place() {
         let row = |line: &str| parse(&format!("{HEAD}{line}\n")).unwrap_err().to_string();
-        assert!(row("1 2 3 4 5").contains("5:1: 5 fields"), "{}", row("1 2 3 4 5"));
-        assert!(row("1 2 3 4 5 6 7 8 9 10").contains("10 fields"));
+        assert!(row("1 2 3 4 5").contains("5:1: fields under the heading: 9 announced, 5 found"));
+        assert!(row("1 2 3 4 5 6 7 8 9 10").contains("10 found"));
         assert!(row(" 1.0 2,5 1 2 0 0 2 2 0").contains("5:6: '2,5' is not a finite number"));
         assert!(row("1 2 1 2 0 nan 2 2 0").contains("5:11: 'nan'"));
         assert!(row("1 2 1.5 2 0 0 2 2 0").contains("5:11: measured minus nominal is -0.500 mm"));
-        assert!(parse("a\nb\n").unwrap_err().to_string().contains("no heading"));
+        assert!(parse("a\nb\n").unwrap_err().to_string().contains("the heading 'Meas X"));
         assert!(parse(HEAD).unwrap_err().to_string().contains("no holes"));
         assert!(parse("").is_err());
     }

@@ -16,7 +16,7 @@ use super::sample::{AxisTable, ExportError, Limits, Sampling, sample_positioning
 use super::text::{Word, lines, words};
 use volcomp_model::{ErrorFunction, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{deg_from_rad, rad_from_deg};
+use volcomp_units::rad_from_deg;
 
 /// Most points of a table, the control's own default.
 pub const POINTS_MAX: usize = 1500;
@@ -122,7 +122,7 @@ impl<'a> Raw<'a> {
                 );
             }
         };
-        let inner = |v: f64| if kind == AxisKind::Rotary { rad_from_deg(v * step) } else { v * step };
+        let inner = |v: f64| kind.position_in(v * step);
         let interval = self.key("interval").unwrap_or(0.0);
         let start = self.key("kw_startpos").unwrap_or(0.0);
         let two_way = self.key("bilateral").unwrap_or(0.0) != 0.0;
@@ -175,7 +175,7 @@ pub fn write(
     sampling: &Sampling,
 ) -> Result<(String, AxisTable), ExportError> {
     let mut table = sample_positioning(spec, axis, sampling, &LIMITS)?;
-    let unit = |v: f64| if axis.kind() == AxisKind::Rotary { deg_from_rad(v) } else { v };
+    let unit = |v: f64| axis.kind().position_out(v);
     let steps = |v: f64| (unit(v) * STEPS).round() as i64;
     let mut at: Vec<i64> = table.positions.iter().map(|q| steps(*q)).collect();
     at.dedup();

@@ -5,86 +5,18 @@
 //! Deviation = reference - target. Other keys are ignored; `#` starts a comment. The file does not state the order between the
 //! directions: the readings are given in the order of the standard test cycle of ISO 230-2.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
+use super::error::{FormatError, FormatErrorKind};
 use super::positioning_test::{Order, PositioningTest};
-use super::text::finite;
+use super::text::{Word, lines};
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, Travel};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
-/// What is wrong, and where: 1-based line and column; line 0 where the file as a whole is wrong.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{line}:{column}: {kind}")]
-pub struct DatError {
-    /// 1-based line.
-    pub line: usize,
-    /// 1-based column, in characters.
-    pub column: usize,
-    /// What is wrong.
-    pub kind: DatErrorKind,
-}
-
-/// What is wrong with a `.dat` file.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum DatErrorKind {
-    /// Not an assignment.
-    #[error("invalid assignment '{text}'; a line reads KEY=VALUE or starts with #")]
-    NotAnAssignment {
-        /// The line, shortened.
-        text: String,
-    },
-    /// An index that is none.
-    #[error("invalid index '{text}'; write {form} with whole numbers from 1 up")]
-    BadIndex {
-        /// What stands there.
-        text: String,
-        /// What should stand there.
-        form: &'static str,
-    },
-    /// Not a finite number.
-    #[error("'{text}' is not a finite number up to 1e30")]
-    BadNumber {
-        /// What stands there.
-        text: String,
-    },
-    /// The same entry again.
-    #[error("this entry was given before, on line {first}; remove one")]
-    Twice {
-        /// Line of the first.
-        first: usize,
-    },
-    /// A reference position without its target.
-    #[error("position {position} has readings but no TGT_DATA[{position}]; add the target")]
-    NoTarget {
-        /// Its index.
-        position: usize,
-    },
-    /// A unit that is not known.
-    #[error("unit '{text}' is not known; use mm, um, deg or arcsec")]
-    UnknownUnit {
-        /// The unit.
-        text: String,
-    },
-    /// Counts that differ from what the file announces.
-    #[error("{key} says {announced}, the data have {found}; the file is cut or the count wrong")]
-    Count {
-        /// CYCLES or POSITIONS.
-        key: &'static str,
-        /// The number announced.
-        announced: usize,
-        /// The number found.
-        found: usize,
-    },
-    /// No data at all.
-    #[error("no REF_DATA_FWD or REF_DATA_BWD; is this an ISO 230-2 .dat file?")]
-    Empty,
-}
-
 /// One number with the place at which it stood.
-struct Entry {
-    line: usize,
-    column: usize,
+struct Entry<'a> {
+    at: Word<'a>,
     value: f64,
 }
 
@@ -92,13 +24,13 @@ struct Entry {
 type ToInner = fn(f64) -> f64;
 
 #[derive(Default)]
-struct Raw {
-    targets: BTreeMap<usize, Entry>,
+struct Raw<'a> {
+    targets: BTreeMap<usize, Entry<'a>>,
     /// By target, cycle, direction (0 forward, 1 backward).
-    references: BTreeMap<(usize, usize, u8), Entry>,
-    unit: Option<(usize, usize, String)>,
-    cycles: Option<Entry>,
-    positions: Option<Entry>,
+    references: BTreeMap<(usize, usize, u8), Entry<'a>>,
+    unit: Option<Word<'a>>,
+    cycles: Option<Entry<'a>>,
+    positions: Option<Entry<'a>>,
 }
 
 /// True where a text looks like such a file.
@@ -111,76 +43,70 @@ pub fn recognises(text: &str) -> bool {
 ///
 /// # Errors
 /// The first mistake, with its line.
-pub fn parse(text: &str) -> Result<PositioningTest, DatError> {
+pub fn parse(text: &str) -> Result<PositioningTest, FormatError> {
     let mut raw = Raw::default();
-    for (i, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        raw.read_line(i + 1, line)?;
-    }
+    lines(text).try_for_each(|line| raw.read_line(line))?;
     raw.finish()
 }
 
-impl Raw {
-    fn read_line(&mut self, line: usize, text: &str) -> Result<(), DatError> {
-        let body = text.split('#').next().unwrap_or("");
-        if body.trim().is_empty() {
+impl<'a> Raw<'a> {
+    fn read_line(&mut self, line: Word<'a>) -> Result<(), FormatError> {
+        let body = Word { text: line.text.split('#').next().unwrap_or("").trim_end(), ..line };
+        if body.text.is_empty() {
             return Ok(());
         }
-        let column_of = |part: &str| {
-            let offset = part.as_ptr() as usize - text.as_ptr() as usize;
-            text[..offset].chars().count() + 1
+        let Some((key, _)) = body.text.split_once('=') else {
+            return Err(body.unexpected("KEY=VALUE, or a comment behind #"));
         };
-        let Some((key, value)) = body.split_once('=') else {
-            let text: String = body.trim().chars().take(40).collect();
-            let column = column_of(body.trim_start());
-            return Err(DatError { line, column, kind: DatErrorKind::NotAnAssignment { text } });
+        let value = body.tail(key.len() + 1);
+        let value = Word { text: value.text.trim_matches('"').trim(), ..value };
+        let entry = |what| value.number(what).map(|number| Entry { at: value, value: number });
+        let index = |name: &str| {
+            let text = key.trim_end().strip_prefix(name)?.strip_prefix('[')?.strip_suffix(']')?;
+            Some(Word { text, ..body.tail(name.len() + 1) })
         };
-        let (key, value) = (key.trim(), value.trim().trim_matches('"').trim());
-        let at = (line, column_of(value));
-        if let Some(index) = indexed(key, "TGT_DATA") {
-            let index = indices::<1>(index, (line, column_of(index)), "TGT_DATA[position]")?;
-            insert(&mut self.targets, index[0], number(value, at)?)
-        } else if let Some((index, direction)) = indexed(key, "REF_DATA_FWD")
-            .map(|i| (i, 0))
-            .or_else(|| indexed(key, "REF_DATA_BWD").map(|i| (i, 1)))
-        {
-            let [i, j] = indices(index, (line, column_of(index)), "REF_DATA_FWD[position,cycle]")?;
-            insert(&mut self.references, (i, j, direction), number(value, at)?)
-        } else {
-            match key {
-                "UNIT" => self.unit = Some((at.0, at.1, value.to_lowercase())),
-                "CYCLES" => self.cycles = Some(number(value, at)?),
-                "POSITIONS" => self.positions = Some(number(value, at)?),
-                _ => {}
-            }
-            Ok(())
+        if let Some(at) = index("TGT_DATA") {
+            let [i] = indices(at, "TGT_DATA[position] with whole numbers from 1 up")?;
+            return insert(&mut self.targets, i, entry("a position")?);
         }
+        let forward = index("REF_DATA_FWD").map(|at| (at, 0));
+        if let Some((at, direction)) = forward.or_else(|| Some((index("REF_DATA_BWD")?, 1))) {
+            let [i, j] = indices(at, "REF_DATA_FWD[position,cycle] with whole numbers from 1 up")?;
+            return insert(&mut self.references, (i, j, direction), entry("a position")?);
+        }
+        match key.trim_end() {
+            "UNIT" => self.unit = Some(value),
+            "CYCLES" => self.cycles = Some(entry("a count")?),
+            "POSITIONS" => self.positions = Some(entry("a count")?),
+            _ => {}
+        }
+        Ok(())
     }
 
-    fn finish(self) -> Result<PositioningTest, DatError> {
+    fn finish(self) -> Result<PositioningTest, FormatError> {
         if self.references.is_empty() {
-            return Err(DatError { line: 0, column: 0, kind: DatErrorKind::Empty });
+            let (what, remedy) = ("REF_DATA_FWD or REF_DATA_BWD", "is this an ISO 230-2 .dat file?");
+            return Err(FormatError::of_file(FormatErrorKind::Missing { what, remedy }));
         }
         let (kind, scale) = self.scale()?;
         let distinct = |pick: fn(&(usize, usize, u8)) -> usize| {
-            self.references.keys().map(pick).collect::<std::collections::BTreeSet<_>>().len()
+            self.references.keys().map(pick).collect::<BTreeSet<_>>().len()
         };
         let counts =
             [("CYCLES", &self.cycles, distinct(|k| k.1)), ("POSITIONS", &self.positions, distinct(|k| k.0))];
-        for (key, announced, found) in counts {
-            if let Some(entry) = announced
-                && entry.value != found as f64
-            {
-                let announced = entry.value as usize;
-                let kind = DatErrorKind::Count { key, announced, found };
-                return Err(DatError { line: entry.line, column: entry.column, kind });
+        for (what, announced, found) in counts {
+            if let Some(entry) = announced.as_ref().filter(|entry| entry.value != found as f64) {
+                let (announced, found) = (entry.value as u64, found as u64);
+                return Err(entry.at.fail(FormatErrorKind::Count { what, announced, found }));
             }
         }
         let mut readings = Vec::with_capacity(self.references.len());
         let mut lines = Vec::with_capacity(self.references.len());
         for ((position, cycle, direction), entry) in &self.references {
             let Some(target) = self.targets.get(position) else {
-                let kind = DatErrorKind::NoTarget { position: *position };
-                return Err(DatError { line: entry.line, column: 1, kind });
+                let name = format!("position {position} (no TGT_DATA[{position}])");
+                let why = "it has readings; add the target";
+                return Err(FormatError::at(entry.at.line, 1, FormatErrorKind::NotRead { name, why }));
             };
             readings.push(Reading {
                 cycle: *cycle as u32,
@@ -188,61 +114,35 @@ impl Raw {
                 position: scale(target.value),
                 value: scale(entry.value - target.value),
             });
-            lines.push(entry.line as u64);
+            lines.push(entry.at.line as u64);
         }
         let test = PositioningTest::new(kind, readings, lines).in_standard_cycle();
         Ok(PositioningTest { order: Order::StandardCycle, ..test })
     }
 
-    fn scale(&self) -> Result<(AxisKind, ToInner), DatError> {
-        let Some((line, column, unit)) = &self.unit else { return Ok((AxisKind::Linear, |v| v)) };
-        match unit.as_str() {
+    fn scale(&self) -> Result<(AxisKind, ToInner), FormatError> {
+        let Some(unit) = &self.unit else { return Ok((AxisKind::Linear, |v| v)) };
+        match unit.text.to_lowercase().as_str() {
             "mm" => Ok((AxisKind::Linear, |v| v)),
             "um" => Ok((AxisKind::Linear, mm_from_um)),
             "deg" => Ok((AxisKind::Rotary, rad_from_deg)),
             "arcsec" => Ok((AxisKind::Rotary, rad_from_arcsec)),
-            _ => {
-                let kind = DatErrorKind::UnknownUnit { text: unit.clone() };
-                Err(DatError { line: *line, column: *column, kind })
-            }
+            _ => Err(unit.unexpected("a unit: mm, um, deg or arcsec")),
         }
     }
 }
 
-/// What stands in the brackets of `NAME[..]`.
-fn indexed<'a>(key: &'a str, name: &str) -> Option<&'a str> {
-    key.strip_prefix(name)?.strip_prefix('[')?.strip_suffix(']')
+/// The whole numbers from 1 up in the brackets of a key.
+fn indices<const N: usize>(at: Word<'_>, form: &'static str) -> Result<[usize; N], FormatError> {
+    let whole = |p: &str| p.trim().parse().ok().filter(|i| (1..=u32::MAX as usize).contains(i));
+    let parsed: Option<Vec<usize>> = at.text.split(',').map(whole).collect();
+    parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| at.unexpected(form))
 }
 
-fn indices<const N: usize>(
-    text: &str,
-    (line, column): (usize, usize),
-    form: &'static str,
-) -> Result<[usize; N], DatError> {
-    let parsed: Option<Vec<usize>> = text
-        .split(',')
-        .map(|p| p.trim().parse().ok().filter(|i| (1..=u32::MAX as usize).contains(i)))
-        .collect();
-    parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| {
-        let kind = DatErrorKind::BadIndex { text: text.chars().take(40).collect(), form };
-        DatError { line, column, kind }
-    })
-}
-
-fn number(text: &str, (line, column): (usize, usize)) -> Result<Entry, DatError> {
-    match finite(text) {
-        Some(value) => Ok(Entry { line, column, value }),
-        None => {
-            let kind = DatErrorKind::BadNumber { text: text.chars().take(40).collect() };
-            Err(DatError { line, column, kind })
-        }
-    }
-}
-
-fn insert<K: Ord>(map: &mut BTreeMap<K, Entry>, key: K, entry: Entry) -> Result<(), DatError> {
-    if let Some(first) = map.get(&key) {
-        let kind = DatErrorKind::Twice { first: first.line };
-        return Err(DatError { line: entry.line, column: 1, kind });
+fn insert<'a, K: Ord>(map: &mut BTreeMap<K, Entry<'a>>, key: K, entry: Entry<'a>) -> Result<(), FormatError> {
+    if let Some(known) = map.get(&key) {
+        let kind = FormatErrorKind::Twice { what: "this entry".to_owned(), first: known.at.line };
+        return Err(FormatError::at(entry.at.line, 1, kind));
     }
     map.insert(key, entry);
     Ok(())
@@ -284,24 +184,35 @@ mod tests {
 
     #[test]
     fn mistakes_name_their_line() {
-        let fails = |from: &str, to: &str| parse(&GOOD.replace(from, to)).unwrap_err();
-        let e = fails("=-4.999", "=-4.9x9");
-        assert_eq!((e.line, e.column), (9, 19));
-        assert_eq!(e.kind, DatErrorKind::BadNumber { text: "-4.9x9".into() });
-        assert_eq!(fails("=-4.999", "=1e308").kind, DatErrorKind::BadNumber { text: "1e308".into() });
-        assert_eq!(fails("=-4.999", "=nan").kind, DatErrorKind::BadNumber { text: "nan".into() });
-        assert_eq!(fails("=-4.999", "=").kind, DatErrorKind::BadNumber { text: String::new() });
-        let e = fails("REF_DATA_BWD[1,1]", "REF_DATA_FWD[1,1]");
-        assert_eq!((e.line, e.kind), (12, DatErrorKind::Twice { first: 9 }));
-        let e = fails("FWD[1,1]", "FWD[1]");
-        assert!(matches!(e.kind, DatErrorKind::BadIndex { .. }));
-        assert!(matches!(fails("FWD[1,1]", "FWD[0,1]").kind, DatErrorKind::BadIndex { .. }));
-        let e = fails("TGT_DATA[2]=0", "");
-        assert_eq!((e.line, e.kind), (11, DatErrorKind::NoTarget { position: 2 }));
-        let e = fails("CYCLES=1", "CYCLES=5");
-        assert_eq!(e.kind, DatErrorKind::Count { key: "CYCLES", announced: 5, found: 1 });
-        assert!(matches!(fails("UNIT=mm", "UNIT=furlong").kind, DatErrorKind::UnknownUnit { .. }));
-        assert!(matches!(fails("# comment", "comment").kind, DatErrorKind::NotAnAssignment { .. }));
-        assert_eq!(parse("").unwrap_err().kind, DatErrorKind::Empty);
+        let fails = |from: &str, to: &str| parse(&GOOD.replace(from, to)).unwrap_err().to_string();
+        for (from, to, said) in [
+            (
+                "=-4.999",
+                "=-4.9x9",
+                "9:19: '-4.9x9' is not a finite number up to 1e30; a position is expected",
+            ),
+            ("=-4.999", "=1e308", "9:19: '1e308' is not a finite number"),
+            ("=-4.999", "=nan", "9:19: 'nan' is not a finite number"),
+            ("=-4.999", "=", "9:19: '' is not a finite number"),
+            (
+                "REF_DATA_BWD[1,1]",
+                "REF_DATA_FWD[1,1]",
+                "12:1: this entry was given before, on line 9; remove one",
+            ),
+            ("FWD[1,1]", "FWD[1]", "9:14: found '1', expected REF_DATA_FWD[position,cycle]"),
+            ("FWD[1,1]", "FWD[0,1]", "9:14: found '0,1', expected REF_DATA_FWD[position,cycle]"),
+            (
+                "TGT_DATA[2]=0",
+                "",
+                "11:1: position 2 (no TGT_DATA[2]) is not read: it has readings; add the target",
+            ),
+            ("CYCLES=1", "CYCLES=5", "6:8: CYCLES: 5 announced, 1 found; the file is cut or the count wrong"),
+            ("UNIT=mm", "UNIT=furlong", "5:6: found 'furlong', expected a unit: mm, um, deg or arcsec"),
+            ("# comment", "comment", "2:1: found 'comment', expected KEY=VALUE"),
+        ] {
+            let error = fails(from, to);
+            assert!(error.starts_with(said), "{to}: {error}");
+        }
+        assert!(parse("").unwrap_err().to_string().starts_with("REF_DATA_FWD or REF_DATA_BWD is missing"));
     }
 }

@@ -5,7 +5,6 @@ use volcomp_evaluate::{Positioning, PositioningReading};
 use volcomp_identify::Reading;
 use volcomp_identify::start_up::{StartUpOutlier, start_up_outliers};
 use volcomp_units::axes::{AxisKind, Travel};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
 
 /// A start-up outlier in the units of the report: mm or deg, um or arcsec.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,10 +55,7 @@ impl StartUp {
 /// A reading in mm and um, or deg and arcsec.
 #[must_use]
 pub fn in_report_units(kind: AxisKind, r: &Reading) -> PositioningReading {
-    let (target, deviation) = match kind {
-        AxisKind::Linear => (r.position, um_from_mm(r.value)),
-        AxisKind::Rotary => (deg_from_rad(r.position), arcsec_from_rad(r.value)),
-    };
+    let (target, deviation) = (kind.position_out(r.position), kind.offset_out(r.value));
     PositioningReading { travel: r.travel, target, deviation }
 }
 

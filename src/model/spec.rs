@@ -18,6 +18,17 @@ pub enum Sense {
     Carriage,
 }
 
+impl Sense {
+    /// Name in model files and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Relative => "relative",
+            Self::Carriage => "carriage",
+        }
+    }
+}
+
 /// On which body the reference point of a linear component rides (equations 1.5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReferenceBody {

@@ -269,6 +269,15 @@ impl fmt::Display for Name {
     }
 }
 
+impl Axis {
+    /// An axis in the unit of its kind.
+    #[must_use]
+    pub const fn new(name: AxisName) -> Self {
+        let unit = if name.kind().is_rotary() { AxisUnit::Degree } else { AxisUnit::Millimetre };
+        Self { name, unit }
+    }
+}
+
 impl AxisUnit {
     /// The code on the wire.
     #[must_use]
@@ -288,6 +297,18 @@ impl AxisUnit {
 }
 
 impl CorrectionState {
+    /// Every state, by its code.
+    pub const ALL: [Self; 8] = [
+        Self::Off,
+        Self::Armed,
+        Self::RampingIn,
+        Self::Active,
+        Self::Holding,
+        Self::RampingOut,
+        Self::Faulted,
+        Self::FadingToStatic,
+    ];
+
     /// The code on the wire.
     #[must_use]
     pub const fn code(self) -> u8 {
@@ -297,16 +318,21 @@ impl CorrectionState {
     /// The state of a code.
     #[must_use]
     pub const fn from_code(code: u8) -> Option<Self> {
-        match code {
-            0 => Some(Self::Off),
-            1 => Some(Self::Armed),
-            2 => Some(Self::RampingIn),
-            3 => Some(Self::Active),
-            4 => Some(Self::Holding),
-            5 => Some(Self::RampingOut),
-            6 => Some(Self::Faulted),
-            7 => Some(Self::FadingToStatic),
-            _ => None,
+        if code as usize >= Self::ALL.len() { None } else { Some(Self::ALL[code as usize]) }
+    }
+
+    /// Name of the state in status, log and recordings.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Armed => "armed",
+            Self::RampingIn => "ramping-in",
+            Self::Active => "active",
+            Self::Holding => "holding",
+            Self::RampingOut => "ramping-out",
+            Self::Faulted => "faulted",
+            Self::FadingToStatic => "fading-to-static",
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use crate::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+
 /// The most axes a machine may have on the link and in a model.
 pub const MAX_AXES: usize = 8;
 
@@ -31,6 +33,56 @@ pub enum AxisKind {
     Linear,
     /// About a line; coordinates in rad inside, in degrees at every boundary.
     Rotary,
+}
+
+impl AxisKind {
+    /// True for an axis that turns.
+    #[must_use]
+    pub const fn is_rotary(self) -> bool {
+        matches!(self, Self::Rotary)
+    }
+
+    /// The word for it: `linear` or `rotary`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        if self.is_rotary() { "rotary" } else { "linear" }
+    }
+
+    /// Unit of positions at every boundary: `mm` or `deg`.
+    #[must_use]
+    pub const fn position_unit(self) -> &'static str {
+        if self.is_rotary() { "deg" } else { "mm" }
+    }
+
+    /// Unit of offsets and deviations at every boundary: `um` or `arcsec`.
+    #[must_use]
+    pub const fn offset_unit(self) -> &'static str {
+        if self.is_rotary() { "arcsec" } else { "um" }
+    }
+
+    /// A position in mm or deg, from mm or rad.
+    #[must_use]
+    pub fn position_out(self, v: f64) -> f64 {
+        if self.is_rotary() { deg_from_rad(v) } else { v }
+    }
+
+    /// A position in mm or rad, from mm or deg.
+    #[must_use]
+    pub fn position_in(self, v: f64) -> f64 {
+        if self.is_rotary() { rad_from_deg(v) } else { v }
+    }
+
+    /// An offset or deviation in um or arcsec, from mm or rad.
+    #[must_use]
+    pub fn offset_out(self, v: f64) -> f64 {
+        if self.is_rotary() { arcsec_from_rad(v) } else { um_from_mm(v) }
+    }
+
+    /// An offset or deviation in mm or rad, from um or arcsec.
+    #[must_use]
+    pub fn offset_in(self, v: f64) -> f64 {
+        if self.is_rotary() { rad_from_arcsec(v) } else { mm_from_um(v) }
+    }
 }
 
 impl AxisName {

@@ -452,12 +452,12 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
     let by_hand =
         parse_file("n.toml", &std::fs::read_to_string(dir.path().join("n.toml")).unwrap()).unwrap().spec;
-    assert_eq!(loaded.spec, by_hand, "as model extend would make it");
+    assert_eq!(loaded.model.spec, by_hand, "as model extend would make it");
     let plain = parse_file("m.toml", MODEL).unwrap().spec;
-    assert_ne!(loaded.spec, plain);
+    assert_ne!(loaded.model.spec, plain);
     // hash and text are those of the model with the additions, so that a recording of it can be replayed
-    assert_eq!(loaded.model_hash, blake3::hash(loaded.model_text.as_bytes()).to_hex().to_string());
-    assert_eq!(parse_file("again.toml", &loaded.model_text).unwrap().spec, by_hand);
+    assert_eq!(loaded.model.hash, blake3::hash(loaded.model.text.as_bytes()).to_hex().to_string());
+    assert_eq!(parse_file("again.toml", &loaded.model.text).unwrap().spec, by_hand);
 
     let check = volcomp(dir.path(), &["check", "machine.toml", "--json"]);
     let said: serde_json::Value = serde_json::from_slice(&check.stdout).unwrap();

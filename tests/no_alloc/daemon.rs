@@ -69,7 +69,7 @@ fn message(cycle: u32, applied: [f64; MAX_AXES]) -> Message {
 #[test]
 fn a_million_cycles_allocate_nothing() {
     let loaded = example();
-    let model = Arc::clone(&loaded.model);
+    let model = Arc::clone(&loaded.model.model);
     cycles_allocate_nothing(&loaded, model, CYCLES);
 }
 
@@ -77,7 +77,7 @@ fn a_million_cycles_allocate_nothing() {
 #[test]
 fn terms_that_follow_motion_allocate_nothing() {
     let loaded = example();
-    let mut spec = loaded.spec.clone();
+    let mut spec = loaded.model.spec.clone();
     spec.gauge_point = Some(Vec3::zeros());
     spec.tool = ToolErrors { tilt: [1e-5, -2e-5], length: 1e-4 };
     let laws = [
@@ -189,7 +189,7 @@ fn live_tables_are_swapped_and_evaluated_without_allocation() {
     let loaded = load(&file).expect("the example loads");
     let hello = hello(&loaded);
     let config = loaded.config.engine_config(&hello).expect("the hello fits");
-    let mut session = LinkSession::new(&config, loaded.model).expect("an engine");
+    let mut session = LinkSession::new(&config, loaded.model.model).expect("an engine");
     let (mut live, estimator) = live_ends([1; 32]);
     let (tap, entries) = tap(64);
     session.record_to(tap, MonoTime::ZERO, &hello);

@@ -3,9 +3,7 @@
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use core::time::Duration;
 
-use volcomp_protocol::{
-    Axis, AxisUnit, ControlHello, DEFAULT_PORT, MachineState, Name, PROTOCOL_VERSION, Tool,
-};
+use volcomp_protocol::{Axis, ControlHello, DEFAULT_PORT, MachineState, Name, PROTOCOL_VERSION, Tool};
 use volcomp_units::axes::AxisKind;
 
 use super::wire::ControlIdentity;
@@ -200,14 +198,7 @@ impl ControlConfig {
     /// What the control says of itself to a daemon.
     pub(super) fn hello(&self, cycle_ns: u64) -> ControlHello {
         let axes = self.axes.as_slice();
-        let axis = |k: usize| {
-            let name = axes.get(k).map_or(axes[0].name, |a| a.name);
-            let unit = match name.kind() {
-                AxisKind::Linear => AxisUnit::Millimetre,
-                AxisKind::Rotary => AxisUnit::Degree,
-            };
-            Axis { name, unit }
-        };
+        let axis = |k: usize| Axis::new(axes.get(k).map_or(axes[0].name, |a| a.name));
         ControlHello {
             version: PROTOCOL_VERSION,
             machine: Name::new(&self.machine),

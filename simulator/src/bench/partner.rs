@@ -8,10 +8,10 @@ use std::time::Instant;
 
 use hdrhistogram::Histogram;
 use volcomp_protocol::{
-    Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, FrameReader, MAX_FRAME, MachineState,
-    Message, Name, PROTOCOL_VERSION, Position, encode,
+    Axis, Close, CloseReason, ControlHello, Correction, FrameReader, MAX_FRAME, MachineState, Message, Name,
+    PROTOCOL_VERSION, Position, encode,
 };
-use volcomp_units::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp_units::axes::{AxisArray, MAX_AXES};
 
 use super::error::BenchError;
 use super::files::Axes;
@@ -164,14 +164,7 @@ impl Partner {
             }
         }
         let names = self.axes.names();
-        let axis = |k: usize| {
-            let name = names[k.min(names.len() - 1)];
-            let unit = match name.kind() {
-                AxisKind::Linear => AxisUnit::Millimetre,
-                AxisKind::Rotary => AxisUnit::Degree,
-            };
-            Axis { name, unit }
-        };
+        let axis = |k: usize| Axis::new(names[k.min(names.len() - 1)]);
         self.cycle = cycle;
         let hello = ControlHello {
             version: PROTOCOL_VERSION,

@@ -1,7 +1,6 @@
 //! What came of a scenario, against what must hold.
 
 use serde::Serialize;
-use volcomp_protocol::CorrectionState;
 use volcomp_units::UM_PER_MM;
 use volcomp_units::axes::MAX_AXES;
 
@@ -86,24 +85,9 @@ impl Verdict {
     }
 }
 
-/// The name of a state, as in `volcomp status`.
-#[must_use]
-pub const fn state_name(state: CorrectionState) -> &'static str {
-    match state {
-        CorrectionState::Off => "off",
-        CorrectionState::Armed => "armed",
-        CorrectionState::RampingIn => "ramping-in",
-        CorrectionState::Active => "active",
-        CorrectionState::Holding => "holding",
-        CorrectionState::RampingOut => "ramping-out",
-        CorrectionState::Faulted => "faulted",
-        CorrectionState::FadingToStatic => "fading-to-static",
-    }
-}
-
 /// What a cycle shows of the daemon.
 fn state_of(r: &CycleRecord) -> Option<&'static str> {
-    if r.connected { r.correction.map(|c| state_name(c.state)) } else { Some("none") }
+    if r.connected { r.correction.map(|c| c.state.name()) } else { Some("none") }
 }
 
 /// What is judged.

@@ -2,8 +2,6 @@
 
 use volcomp_config::{AxisConfig, MachineConfig};
 use volcomp_model::spec::ModelSpec;
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::deg_from_rad;
 
 use crate::numerals::{counted, figure};
 use crate::quantities::{offset_as_is, offset_unit, position_unit, range_words, rounded};
@@ -62,7 +60,7 @@ fn slow_motion(axis: &AxisConfig, travel: Option<[f64; 2]>, cycle_s: f64) -> Opt
     }
     let (name, unit) = (axis.name, position_unit(axis.name));
     let [speed, jump] =
-        [axis.jump_limit / cycle_s * 60.0, axis.jump_limit].map(|v| short(position_as_is(name, v)));
+        [axis.jump_limit / cycle_s * 60.0, axis.jump_limit].map(|v| short(name.kind().position_out(v)));
     Some(format!(
         "axis {name}: motion above {speed} {unit}/min is taken for a jump of position (VC-3003), {jump} {unit} per cycle of \
          {} ms; the travel {} takes {} at that speed; raise jump-{unit} or feed-max-{unit}-per-min to the fastest motion of the \
@@ -118,13 +116,6 @@ fn missing_processor(cpu: Option<u16>, last: Option<u16>) -> Option<String> {
     })
 }
 
-fn position_as_is(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => v,
-        AxisKind::Rotary => deg_from_rad(v),
-    }
-}
-
 /// Six digits, with an exponent where the number would be long.
 fn short(v: f64) -> String {
     figure(format!("{v:.5e}").parse().unwrap_or(v))
@@ -146,6 +137,7 @@ mod tests {
     use super::*;
     use volcomp_model::Chain;
     use volcomp_model::spec::AxisSpec;
+    use volcomp_units::axes::AxisName;
 
     /// The notes of axis X with a travel of 0 to 850 mm and these keys instead of ordinary ones.
     fn noted(keys: &[(&str, &str)]) -> Vec<String> {

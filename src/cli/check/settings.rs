@@ -41,7 +41,7 @@ impl Setting {
 /// What decides when and how an offset moves, and which positions are believed; `text` is that of the file.
 pub(super) fn settings(text: &str, machine: &MachineConfig) -> Vec<Setting> {
     let engine = &machine.engine;
-    let start = match engine.start {
+    let start = match machine.start {
         StartMode::OnCommand => "on-command",
         StartMode::OnConnect => "on-connect",
     };

@@ -14,7 +14,7 @@ use volcomp_config::Provenance;
 use volcomp_model::ErrorSymbol;
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
 use volcomp_model::geometry::Vec3;
-use volcomp_model::spec::{ReferenceBody, ReferencePoint, Sense};
+use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 use volcomp_units::axes::{AxisName, Travel};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
@@ -80,7 +80,7 @@ fn change_words(change: &Change) -> String {
         Change::AxisPoint { axis, values } => {
             of(format!("point on the axis of {axis}"), values.each_ref().map(point))
         }
-        Change::Sense { axis, values } => of(format!("sense of {axis}"), values.map(|s| sense(s).to_owned())),
+        Change::Sense { axis, values } => of(format!("sense of {axis}"), values.map(|s| s.name().to_owned())),
         Change::Reference { axis, component, values } => {
             let words = values.each_ref().map(|r: &ReferencePoint| {
                 let on = if r.body == ReferenceBody::Bed { " on the bed" } else { "" };
@@ -88,13 +88,6 @@ fn change_words(change: &Change) -> String {
             });
             of(format!("reference point of {axis} for {}", component.letter()), words)
         }
-    }
-}
-
-const fn sense(s: Sense) -> &'static str {
-    match s {
-        Sense::Relative => "relative",
-        Sense::Carriage => "carriage",
     }
 }
 

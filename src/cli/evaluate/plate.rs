@@ -3,18 +3,19 @@
 use std::io::Cursor;
 use std::path::PathBuf;
 
-use clap::ValueEnum;
 use serde_json::{Map, Value, json};
 
 use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
+use crate::Failure;
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
+use crate::arg_parsers::one_of;
 use crate::input::{self, InputKind};
+use crate::positioning_data::format_failure;
 use crate::report::Table;
 use crate::table::Table as Csv;
-use crate::{EX_DATAERR, Failure};
 use volcomp_evaluate::plate::Estimate;
 use volcomp_evaluate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
 use volcomp_formats::hole_plate;
@@ -33,11 +34,11 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,
     /// What may differ.
-    #[arg(long, value_enum, default_value = "affine")]
-    model: ModelArg,
+    #[arg(long, value_parser = one_of(MODELS), default_value = "affine")]
+    model: PlateModel,
     /// What is minimised.
-    #[arg(long, value_enum, default_value = "l2")]
-    norm: NormArg,
+    #[arg(long, value_parser = one_of(NORMS), default_value = "l2")]
+    norm: PlateNorm,
     /// Only holes of this nominal diameter, mm (column nominal_diameter_mm, Nom D).
     #[arg(long, value_name = "MM")]
     nominal_diameter_mm: Option<f64>,
@@ -48,23 +49,15 @@ pub(super) struct Args {
     output: Output,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum ModelArg {
-    /// Offset and rotation.
-    Rigid,
-    /// And one scale.
-    Similarity,
-    /// And a scale for each axis, and squareness.
-    Affine,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum NormArg {
-    /// Sum of squares.
-    L2,
-    /// Sum of fourth powers, as some published fits of drilled plates.
-    L4,
-}
+const MODELS: &[(&str, &str, PlateModel)] = &[
+    ("rigid", "Offset and rotation", PlateModel::Rigid),
+    ("similarity", "And one scale", PlateModel::Similarity),
+    ("affine", "And a scale for each axis, and squareness", PlateModel::Affine),
+];
+const NORMS: &[(&str, &str, PlateNorm)] = &[
+    ("l2", "Sum of squares", PlateNorm::Squares),
+    ("l4", "Sum of fourth powers, as some published fits of drilled plates", PlateNorm::Fourth),
+];
 
 /// A plate with its title.
 struct Plate {
@@ -80,10 +73,7 @@ fn read(args: &Args) -> Result<Plate, Failure> {
         _ => true,
     };
     let plate = if hole_plate::recognises(&text) {
-        let plate = hole_plate::parse(&text).map_err(|e| {
-            let place = if e.line == 0 { String::new() } else { format!("{}:{}:", e.line, e.column) };
-            failure!(EX_DATAERR, "{}:{place} {}", path.display(), e.kind)
-        })?;
+        let plate = hole_plate::parse(&text).map_err(|e| format_failure(&path.display().to_string(), &e))?;
         let holes = plate.holes.iter().filter(|h| keep(Some(h.diameter)));
         Plate { points: holes.map(|h| h.place).collect(), title: Some(plate.title).filter(|t| !t.is_empty()) }
     } else {
@@ -132,16 +122,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         return Err(usage!("--std-um {bad} is not above 0"));
     }
     let plate = read(args)?;
-    let model = match args.model {
-        ModelArg::Rigid => PlateModel::Rigid,
-        ModelArg::Similarity => PlateModel::Similarity,
-        ModelArg::Affine => PlateModel::Affine,
-    };
-    let norm = match args.norm {
-        NormArg::L2 => PlateNorm::Squares,
-        NormArg::L4 => PlateNorm::Fourth,
-    };
-    let fit = PlateFit::new(&plate.points, model, norm, args.std_um.map(mm_from_um))
+    let fit = PlateFit::new(&plate.points, args.model, args.norm, args.std_um.map(mm_from_um))
         .map_err(|e| data!(args.output.data(&args.data), "{e}"))?;
     refuse_implausible(args, &fit)?;
     let title = args.output.title(plate.title.as_deref().unwrap_or("Plate"));
@@ -282,13 +263,13 @@ fn report(
     fit: &PlateFit,
 ) -> Result<String, Failure> {
     let model = match args.model {
-        ModelArg::Rigid => "offset and rotation",
-        ModelArg::Similarity => "offset, rotation and one scale",
-        ModelArg::Affine => "offset, rotation, scale of X and of Y, squareness",
+        PlateModel::Rigid => "offset and rotation",
+        PlateModel::Similarity => "offset, rotation and one scale",
+        PlateModel::Affine => "offset, rotation, scale of X and of Y, squareness",
     };
     let norm = match args.norm {
-        NormArg::L2 => "sum of squares",
-        NormArg::L4 => "sum of fourth powers",
+        PlateNorm::Squares => "sum of squares",
+        PlateNorm::Fourth => "sum of fourth powers",
     };
     let places = plate.points.len().to_string();
     let facts = [("places", places), ("fitted", model.to_owned()), ("minimised", norm.to_owned())];

@@ -14,7 +14,7 @@ use volcomp_formats::sample::{AxisTable, ExportError, Sampling, Way};
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, motion_table, rtl};
 use volcomp_model::{ErrorSymbol, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
+use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Straight lines between points stay this close to the model where nothing else is asked for, um.
 const TOLERANCE_UM: f64 = 0.05;
@@ -105,7 +105,7 @@ impl ModelOptions {
     }
 
     fn sampling(&self, kind: AxisKind) -> Sampling {
-        let inner = |v: f64| if kind == AxisKind::Rotary { rad_from_deg(v) } else { v };
+        let inner = |v: f64| kind.position_in(v);
         Sampling {
             tolerance: mm_from_um(self.tolerance_um.unwrap_or(TOLERANCE_UM)),
             step: self.step.map(inner),

@@ -173,10 +173,7 @@ fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySy
 /// A motion table.
 fn motion(table: Table<Box<dyn BufRead>>, axis: AxisName) -> Result<BySymbol> {
     let mut table = Columns::new(table);
-    let position_name = match axis.kind() {
-        AxisKind::Linear => "position_mm",
-        AxisKind::Rotary => "position_deg",
-    };
+    let position_name = &format!("position_{}", axis.kind().position_unit());
     let run = table.run(position_name)?;
     let mut symbols = Vec::new();
     for (i, column) in table.table.columns().to_vec().iter().enumerate() {

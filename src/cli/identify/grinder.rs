@@ -20,8 +20,8 @@ use volcomp_identify::grinder::{
 };
 use volcomp_model::statistics::SIGNIFICANT;
 use volcomp_model::{Component, Model, ModelSpec, Pose};
-use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
+use volcomp_units::axes::{AxisName, MAX_AXES};
+use volcomp_units::{mm_from_um, um_from_mm};
 
 /// The error motions of a chain, measured axis by axis: each axis is corrected before the next one is measured.
 ///
@@ -149,8 +149,8 @@ fn drawing(args: &Args) -> Result<ModelFile> {
 
 /// Names of the columns of an axis: its coordinate, and the correction added to it.
 fn axis_columns(axis: AxisName) -> [String; 2] {
-    let (unit, small) = if axis.kind() == AxisKind::Linear { ("mm", "um") } else { ("deg", "arcsec") };
-    [format!("{}_{unit}", axis.lower()), format!("c{}_{small}", axis.lower())]
+    let (axis, kind) = (axis.lower(), axis.kind());
+    [format!("{axis}_{}", kind.position_unit()), format!("c{axis}_{}", kind.offset_unit())]
 }
 
 /// Columns of the deviations, without their unit.
@@ -205,13 +205,10 @@ fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Resul
     for p in &planned {
         let pose = Pose { tool_tip: Some(p.tip), ..Pose::at(p.position) };
         let correction = model.correct(&pose).1.offset;
-        let both = |values: &AxisArray, linear: fn(f64) -> f64, rotary: fn(f64) -> f64| -> Vec<f64> {
-            let unit = |a: &AxisName| if a.kind() == AxisKind::Linear { linear } else { rotary };
-            axes.iter().zip(values).map(|(a, v)| unit(a)(*v)).collect()
-        };
-        let mut fields = both(&p.position, |v| v, deg_from_rad);
+        let kinds = || axes.iter().map(|a| a.kind());
+        let mut fields: Vec<f64> = kinds().zip(p.position).map(|(kind, v)| kind.position_out(v)).collect();
         fields.extend(p.tip.iter());
-        fields.extend(both(&correction, um_from_mm, arcsec_from_rad));
+        fields.extend(kinds().zip(correction).map(|(kind, v)| kind.offset_out(v)));
         let words: Vec<String> = fields.into_iter().map(short).collect();
         text.push_str(&(words.join(",") + "\n"));
     }
@@ -362,7 +359,7 @@ impl Found for Outcome<'_> {
 
 /// The reference position or another of a step, in mm or deg.
 fn position(found: &Step, q: f64) -> f64 {
-    if found.axis.kind() == AxisKind::Rotary { deg_from_rad(q) } else { q }
+    found.axis.kind().position_out(q)
 }
 
 fn step_json(found: &Step, lines: &[u64]) -> Value {
@@ -385,7 +382,7 @@ fn step_json(found: &Step, lines: &[u64]) -> Value {
         let std = known.then(|| of_value(*std));
         locations[key(*symbol)] = json!({"value": of_value(*value), "std": std, "unit": unit});
     }
-    let unit = if found.axis.kind() == AxisKind::Rotary { "deg" } else { "mm" };
+    let unit = found.axis.kind().position_unit();
     json!({
         "axis": found.axis.lower().to_string(),
         "consistent": found.consistency.is_none_or(|c| c.p_value >= SIGNIFICANT),
@@ -420,7 +417,7 @@ fn step_json(found: &Step, lines: &[u64]) -> Value {
 }
 
 fn print_step(found: &Step) {
-    let unit = if found.axis.kind() == AxisKind::Rotary { "deg" } else { "mm" };
+    let unit = found.axis.kind().position_unit();
     let reference = position(found, found.positions[found.reference]);
     say!("axis {}: zero at {reference:.3} {unit}, condition {:.1}", found.axis, found.condition);
     let plus_minus = |v: f64| found.sigma.map_or_else(String::new, |_| format!("  +- {v:.3}"));

@@ -17,7 +17,6 @@ use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::deg_from_rad;
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
     let out = args.out()?;
@@ -154,10 +153,7 @@ fn describe_rtl(rtl: &Rtl) {
 fn describe(test: &PositioningTest) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
     let (Some(low), Some(high)) = (positions.first(), positions.last()) else { return };
-    let (low, high, unit) = match test.kind {
-        AxisKind::Linear => (*low, *high, "mm"),
-        AxisKind::Rotary => (deg_from_rad(*low), deg_from_rad(*high), "deg"),
-    };
+    let ([low, high], unit) = ([*low, *high].map(|q| test.kind.position_out(q)), test.kind.position_unit());
     let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let reverse = test.readings.iter().filter(|r| r.travel == Travel::Reverse).count();
     note!(
@@ -265,10 +261,7 @@ fn certain(file: &str, line: u64, placed: &Placed, kind: AxisKind) -> Result<(),
     if placed.is_certain {
         return Ok(());
     }
-    let (position, unit) = match kind {
-        AxisKind::Linear => (placed.position, "mm"),
-        AxisKind::Rotary => (deg_from_rad(placed.position), "deg"),
-    };
+    let (position, unit) = (kind.position_out(placed.position), kind.position_unit());
     Err(failure!(
         EX_DATAERR,
         "{file}:{line}: target {position} {unit} follows itself and the rows do not turn back here, so that nothing tells from which side \

@@ -255,7 +255,7 @@ fn axis_json(spec: &ModelSpec, name: AxisName) -> Value {
         "axis": name.lower().to_string(),
         "workpiece_side": spec.is_workpiece_side(name),
         format!("travel_{}", position_unit(name)): axis.travel.map(|t| t.map(|v| position_out(name, v))),
-        "sense": if axis.sense == Sense::Carriage { "carriage" } else { "relative" },
+        "sense": axis.sense.name(),
     });
     match name.kind() {
         AxisKind::Rotary => out["point_mm"] = json!(list(&axis.point)),

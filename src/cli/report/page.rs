@@ -8,49 +8,7 @@ use crate::report_page::Plot;
 
 /// Light, dark and print; the classes of charts are those of [`super::chart`], and pictures with colours of their own (attributes of
 /// [`super::plot`]) follow the scheme, too.
-const STYLE: &str = "\
-:root{color-scheme:light dark;--ink:#222;--soft:#555;--line:#ddd;--bg:#fff;--grey:#8c8c8c;--a:#0072b2;--b:#d55e00;--c:#00795a;--band:.22}\
-@media (prefers-color-scheme:dark){:root{--ink:#e6e6e6;--soft:#b0b4b8;--line:#3c4046;--bg:#16181b;--grey:#8e949a;--a:#56b4e9;--b:#f0883e;--c:#3ec79b;--band:.3}}\
-@media print{:root{color-scheme:light;--ink:#222;--soft:#444;--line:#ddd;--bg:#fff;--grey:#8c8c8c;--a:#0072b2;--b:#d55e00;--c:#00795a;--band:.22}}\
-body{font:15px/1.45 sans-serif;color:var(--ink);background:var(--bg);max-width:1240px;margin:24px auto;padding:0 16px}\
-h1{font-size:24px;margin-bottom:2px}h2{font-size:18px;margin:26px 0 6px}h3{font-size:15px;margin:18px 0 4px}\
-p.lead{font-size:19px;line-height:1.35;margin:8px 0 14px;max-width:60em}small{color:var(--soft);font-weight:400}\
-table{border-collapse:collapse;margin:4px 0 10px}td,th{padding:3px 12px 3px 0;text-align:left;border-bottom:1px solid var(--line);vertical-align:top}\
-td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}table.stack td.n{white-space:nowrap}pre{font:13px/1.35 monospace;overflow-x:auto}\
-figure{margin:8px 0 14px}figcaption{font-size:13px;color:var(--soft)}figcaption b{color:var(--ink)}p.note{font-size:13px;color:var(--soft)}\
-th:first-child{white-space:nowrap}table.stack tr>:first-child{white-space:normal;min-width:9em}td.s{font-size:12px}tr .faint{color:var(--soft);font-weight:400}\
-svg{max-width:100%;height:auto;display:block}\
-.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(340px,100%),1fr));gap:6px 22px}.figures svg.chart{width:100%}\
-svg.chart text{font:12px sans-serif;fill:var(--ink)}.chart .grid{stroke:var(--line)}.chart .zero{stroke:var(--soft)}\
-.ref{stroke:var(--ink);stroke-dasharray:5 4;fill:none}\
-.lg,.la,.lb,.lc,.lt{fill:none;stroke-width:2;stroke-linejoin:round}.lg{stroke:var(--grey)}.la{stroke:var(--a)}.lb{stroke:var(--b);stroke-dasharray:7 3}.lc{stroke:var(--c);stroke-dasharray:2 3}.lt{stroke:var(--ink)}\
-.pg,.pa,.pb,.pc,.pt{fill-opacity:.6}.pg{fill:var(--grey)}.pa{fill:var(--a)}.pb{fill:var(--b)}.pc{fill:var(--c)}.pt{fill:var(--ink)}\
-.xg,.xa,.xb,.xc,.xt,.og,.oa,.ob,.oc,.ot{fill:none;stroke-width:1.1}.xg,.og{stroke:var(--grey)}.xa,.oa{stroke:var(--a)}.xb,.ob{stroke:var(--b)}.xc,.oc{stroke:var(--c)}.xt,.ot{stroke:var(--ink)}\
-.fg,.fa,.fb,.fc,.ft{fill-opacity:var(--band)}.fg,.dg{fill:var(--grey)}.fa,.da{fill:var(--a)}.fb,.db{fill:var(--b)}.fc,.dc{fill:var(--c)}.ft,.dt{fill:var(--ink)}\
-.key{white-space:nowrap;margin-right:10px}svg.key{display:inline-block;vertical-align:-1px;margin:0}\
-.bars{display:grid;grid-template-columns:minmax(11em,max-content) 1fr max-content;gap:3px 12px;align-items:center;margin:6px 0;font-variant-numeric:tabular-nums}\
-.track{position:relative;height:17px}.track span{position:absolute;top:0;bottom:0}.sg,.bar.g{background:var(--grey)}.sa,.bar.a{background:var(--a)}.sb{background:var(--b)}.sc{background:var(--c)}.st{background:var(--ink)}\
-i.bar{display:inline-block;height:6px}.key i.bar{width:22px;height:8px}.pair{display:block;width:180px}.pair i{display:block;margin:2px 0}\
-summary{cursor:pointer;color:var(--soft);font-size:13px}\
-table.head th{font-weight:400;color:var(--soft)}table.head td:nth-child(2){padding-right:28px}\
-.sign{display:grid;grid-template-columns:repeat(3,1fr);gap:28px;margin:64px 0 8px;break-inside:avoid}.sign div{border-top:1px solid var(--ink);padding-top:3px;font-size:13px}\
-summary{cursor:pointer;color:var(--soft);font-size:13px}.fine{columns:26em;column-gap:24px;font-size:13px;color:var(--soft);padding-left:16px;margin:4px 0}.fine li{break-inside:avoid;margin:2px 0}.fine b{font-weight:600}\
-@media (prefers-color-scheme:dark){@media screen{svg [fill='#FFFFFF']{fill:var(--bg)}svg [fill='#3C3C3C']{fill:var(--ink)}svg [stroke='#3C3C3C']{stroke:var(--ink)}\
-svg [stroke='#CDCDCD']{stroke:var(--line)}svg [fill='#0072B2']{fill:var(--a)}svg [stroke='#0072B2']{stroke:var(--a)}svg [fill='#D55E00']{fill:var(--b)}svg [stroke='#D55E00']{stroke:var(--b)}}}\
-@media screen and (max-width:640px){body{margin:10px auto}h1{font-size:20px}p.lead{font-size:17px}table:not(.stack){display:block;overflow-x:auto}\
-table.stack,table.stack tbody,table.stack tr,table.stack td,table.stack th{display:block;border:0;text-align:left;padding:1px 0}table.stack thead{display:none}\
-table.stack tr{border-bottom:1px solid var(--line);padding:6px 0}table.stack td[data-l]:before{content:attr(data-l) ': ';color:var(--soft)}table.stack td:empty{display:none}\
-table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content;grid-auto-flow:row dense}.bars div:nth-child(3n+1){grid-column:1}.bars div:nth-child(3n){grid-column:2}.bars .track{grid-column:1/3}th:first-child{white-space:normal}td.s{font-size:13px}}\
-@page{size:A4;margin:11mm 13mm 14mm;@bottom-right{content:'page ' counter(page) ' of ' counter(pages);font:8pt sans-serif;color:#444}}\
-@media print{body{font-size:10pt;max-width:none;margin:0;padding:0}h1{font-size:16pt}h2{font-size:12.5pt;margin-top:14pt}h3{font-size:10.5pt}p.lead{font-size:12pt}\
-pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\
-h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}body>figure>svg{max-height:84mm;margin:auto}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
-td.n{white-space:nowrap}.dense table{font-size:7pt;margin:2px 0 4px}.dense td,.dense th{padding:0 7px 0 0}.dense table.stack tr>:first-child{min-width:0}.dense h2{margin:5pt 0 1pt;font-size:10pt}.dense p,.dense ul{margin:2pt 0;font-size:7.5pt}.dense .sign{margin-top:30px}.dense .sign div{font-size:8pt}\
-.figures{grid-template-columns:1fr 1fr;gap:0 16px}.pair{width:90px}details{display:none}\
-.compact p,.compact td,.compact th{font-size:8pt;line-height:1.2}.compact h2{font-size:9.5pt;margin:4pt 0 1pt}.compact p{margin:2pt 0}.compact p.lead{font-size:10pt;max-width:none}.compact table{margin:1pt 0 3pt}.compact td,.compact th{padding:1px 8px 1px 0}\
-.compact table.stack br{display:none}.compact table.stack td,.compact table.stack th{font-size:7.2pt}\
-.compact td.s,.compact p.note,.compact small,.compact figcaption,.compact .fine{font-size:7.2pt;line-height:1.25}.compact p.note{margin:2pt 0}.compact .bars{gap:0 10px;font-size:7.5pt}.compact .track{height:8px}.compact figure{margin:1pt 0 2pt}\
-.compact .figures{grid-template-columns:repeat(3,1fr);gap:0 10px}.sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
+const STYLE: &str = include_str!("page.css");
 
 /// A page under construction.
 #[derive(Debug)]
@@ -144,12 +102,12 @@ impl Page {
     /// A page with its title.
     #[must_use]
     pub fn new(raw: &str) -> Self {
-        let title = escape(raw);
+        let (title, style) = (escape(raw), STYLE.replace('\n', ""));
         Self {
             text: format!(
                 "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
                  <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><title>{title}</title>\
-                 <style>{STYLE}@page{{@bottom-left{{content:\"{}\";font:8pt sans-serif;color:#444}}}}</style></head>\n<body><h1>{title}</h1>\n",
+                 <style>{style}@page{{@bottom-left{{content:\"{}\";font:8pt sans-serif;color:#444}}}}</style></head>\n<body><h1>{title}</h1>\n",
                 css_text(raw)
             ),
         }

@@ -17,11 +17,9 @@ use core::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::diagnostic::ConfigErrors;
-use volcomp_engine::{
-    AfterLoss, AxisLimits, EngineConfig, Lag, LimitTime, OutOfTravel, PositionSource, RestOffset,
-};
+use volcomp_engine::{AxisLimits, EngineConfig};
 use volcomp_model::{Chain, ModelSpec};
-use volcomp_protocol::{AxisUnit, ControlHello};
+use volcomp_protocol::{Axis, AxisUnit, ControlHello};
 use volcomp_units::NS_PER_S;
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 
@@ -39,8 +37,10 @@ pub struct MachineConfig {
     pub additions: Vec<PathBuf>,
     /// The link to the control.
     pub link: LinkConfig,
-    /// Engine settings that do not depend on the axis order of the control.
-    pub engine: EngineSettings,
+    /// When compensation starts.
+    pub start: StartMode,
+    /// The engine without its axes: their settings are in `axes`, their order is that of the control.
+    pub engine: EngineConfig,
     /// One entry per axis to be corrected.
     pub axes: Vec<AxisConfig>,
     /// Real-time settings of the cycle thread.
@@ -123,26 +123,6 @@ pub enum StartMode {
     OnCommand,
     /// As soon as the control is connected and the machine ready.
     OnConnect,
-}
-
-/// Engine settings; see [`EngineConfig`] for the meaning of each.
-#[derive(Debug, Clone, PartialEq)]
-#[expect(missing_docs, reason = "each field is described at EngineConfig")]
-pub struct EngineSettings {
-    pub start: StartMode,
-    pub limit_time: LimitTime,
-    pub ramp_s: f64,
-    pub stale_s: f64,
-    pub hold_s: f64,
-    pub after_loss: AfterLoss,
-    pub gain: f64,
-    pub position_source: PositionSource,
-    pub out_of_travel: OutOfTravel,
-    pub rest: RestOffset,
-    pub read_back_cycles: u32,
-    pub lag: Lag,
-    pub lag_uncertainty_cycles: f64,
-    pub live_max_age_s: f64,
 }
 
 /// One axis. Linear: mm; rotary: rad.
@@ -444,7 +424,6 @@ impl MachineConfig {
         let each = |pick: fn(&AxisConfig) -> f64, other: f64| -> Vec<f64> {
             listed.iter().map(|axis| axis.map_or(other, pick)).collect()
         };
-        let engine = &self.engine;
         Ok(EngineConfig {
             limits: listed.iter().map(|axis| axis.map_or(NEVER_OFFSET, |a| a.limits)).collect(),
             jump_limit: each(|a| a.jump_limit, f64::MAX),
@@ -452,20 +431,7 @@ impl MachineConfig {
             read_back_tolerance: each(|a| a.read_back_tolerance, f64::MAX),
             soft_limits: listed.iter().map(|axis| axis.map_or(NO_SOFT_LIMITS, |a| a.soft_limits)).collect(),
             axes,
-            cycle_s: self.link.cycle_s,
-            limit_time: engine.limit_time,
-            ramp_s: engine.ramp_s,
-            stale_s: engine.stale_s,
-            hold_s: engine.hold_s,
-            after_loss: engine.after_loss,
-            gain: engine.gain,
-            position_source: engine.position_source,
-            out_of_travel: engine.out_of_travel,
-            rest: engine.rest,
-            read_back_cycles: engine.read_back_cycles,
-            lag: engine.lag,
-            lag_uncertainty_cycles: engine.lag_uncertainty_cycles,
-            live_max_age_s: engine.live_max_age_s,
+            ..self.engine.clone()
         })
     }
 
@@ -484,8 +450,7 @@ impl MachineConfig {
             if names.contains(&axis.name) {
                 return Err(HelloMismatch::AxisTwice { axis: axis.name });
             }
-            let linear = axis.unit == AxisUnit::Millimetre;
-            if linear != (axis.name.kind() == AxisKind::Linear) {
+            if *axis != Axis::new(axis.name) {
                 return Err(HelloMismatch::AxisUnit { axis: axis.name, found: axis.unit });
             }
             names.push(axis.name);

@@ -9,17 +9,17 @@ use super::http::read_http;
 use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
 use super::{
-    AxisConfig, EngineSettings, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget,
-    MachineConfig, NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig,
-    StatusConfig, WhenFull,
+    AxisConfig, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 use crate::diagnostic::{ConfigErrors, Diagnostic, figure};
 use crate::reader::{self, Allowed, Key, Placed, Reader, Section};
 use volcomp_engine::{
-    AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, LimitTime, OutOfTravel, PositionSource, RestOffset,
+    AfterLoss, AxisLimits, EngineConfig, LAG_CYCLES_MAX, Lag, LimitTime, OutOfTravel, PositionSource,
+    RestOffset,
 };
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
     let text = reader::without_mark(text);
@@ -60,7 +60,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let link = read_link(&top.section("link"));
     let cycle_ms = link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3);
     let is_remote = link.as_ref().is_some_and(LinkConfig::is_remote);
-    let engine = read_engine(&top.section("engine"), cycle_ms, is_remote);
+    let (start, engine) = read_engine(&top.section("engine"), cycle_ms, is_remote);
     let axes = read_axes(top, cycle_ms / 1e3);
     let realtime = read_realtime(&top.section("realtime"));
     let status = read_status(&top.section("status"));
@@ -86,6 +86,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
         model: model?,
         additions,
         link: link?,
+        start,
         engine,
         axes,
         realtime,
@@ -211,13 +212,13 @@ fn at_least(section: &Section<'_>, key: &'static str, value: f64, floor: &str, l
     }
 }
 
-fn read_engine(engine: &Section<'_>, cycle_ms: f64, is_remote: bool) -> EngineSettings {
+fn read_engine(engine: &Section<'_>, cycle_ms: f64, is_remote: bool) -> (StartMode, EngineConfig) {
     let stale_ms = engine.number_or("stale-ms", within(0.5, 10_000.0), 20.0);
     at_least(engine, "stale-ms", stale_ms, "two cycles", 2.0 * cycle_ms);
-    let settings = EngineSettings {
-        start: engine
-            .choice("start", &[("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)])
-            .unwrap_or_default(),
+    let starts = [("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)];
+    let start = engine.choice("start", &starts).unwrap_or_default();
+    let config = EngineConfig {
+        cycle_s: cycle_ms / 1e3,
         // a simulated control may run faster than real time, and is on this computer
         limit_time: engine
             .choice("limit-time", &[("control", LimitTime::Control), ("computer", LimitTime::Computer)])
@@ -247,9 +248,10 @@ fn read_engine(engine: &Section<'_>, cycle_ms: f64, is_remote: bool) -> EngineSe
             .map_or(Lag::Measured, |n| Lag::Cycles(n.value)),
         lag_uncertainty_cycles: engine.number_or("lag-uncertainty-cycles", within(0.0, 100.0), 0.5),
         live_max_age_s: engine.number_or("live-max-age-ms", within(1.0, 600_000.0), 500.0) / 1e3,
+        ..EngineConfig::default()
     };
     engine.finish();
-    settings
+    (start, config)
 }
 
 /// Keys of an axis, in its unit, with the way inside.
@@ -266,10 +268,7 @@ struct AxisKeys {
     feed: (&'static str, f64),
     deadband: &'static str,
     tolerance: &'static str,
-    /// Units of offset and position.
-    units: [&'static str; 2],
-    offset: fn(f64) -> f64,
-    position: fn(f64) -> f64,
+    kind: AxisKind,
     /// Largest offset that is no unit mistake.
     highest: f64,
 }
@@ -286,9 +285,7 @@ static LINEAR: AxisKeys = AxisKeys {
     feed: ("feed-max-mm-per-min", 60_000.0),
     deadband: "reversal-deadband-um",
     tolerance: "read-back-tolerance-um",
-    units: ["um", "mm"],
-    offset: mm_from_um,
-    position: core::convert::identity,
+    kind: AxisKind::Linear,
     highest: 5000.0,
 };
 
@@ -304,9 +301,7 @@ static ROTARY: AxisKeys = AxisKeys {
     feed: ("feed-max-deg-per-min", 36_000.0),
     deadband: "reversal-deadband-arcsec",
     tolerance: "read-back-tolerance-arcsec",
-    units: ["arcsec", "deg"],
-    offset: rad_from_arcsec,
-    position: rad_from_deg,
+    kind: AxisKind::Rotary,
     highest: 2000.0,
 };
 
@@ -354,12 +349,10 @@ fn read_axes(top: &Section<'_>, cycle_s: f64) -> Vec<AxisConfig> {
 }
 
 fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisConfig> {
-    let (keys, why) = match name.kind() {
-        AxisKind::Linear => (&LINEAR, format!("axis {name} is linear")),
-        AxisKind::Rotary => (&ROTARY, format!("axis {name} is rotary")),
-    };
-    let [offset_unit, position_unit] = keys.units;
-    let section = &section.because(offset_unit, why.clone()).because(position_unit, why);
+    let keys = if name.kind().is_rotary() { &ROTARY } else { &LINEAR };
+    let why = format!("axis {name} is {}", name.kind().name());
+    let section =
+        &section.because(keys.kind.offset_unit(), why.clone()).because(keys.kind.position_unit(), why);
     let [limit, rate, acceleration] =
         [(keys.limit, keys.highest), (keys.rate, 1e6), (keys.acceleration, 1e9)].map(|(key, high)| {
             section.require(key, &format!("add {key}: an axis without all its limits is never offset"));
@@ -381,16 +374,18 @@ fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisC
     Some(AxisConfig {
         name,
         limits: AxisLimits {
-            warning: (keys.offset)(warning.map_or(DEFAULT_WARNING * limit, |w| w.value)),
-            size: (keys.offset)(limit),
-            stop: (keys.offset)(stop.map_or(DEFAULT_STOP * limit, |s| s.value)),
-            step: (keys.offset)(step),
-            rate: (keys.offset)(rate?),
-            acceleration: (keys.offset)(acceleration?),
+            warning: keys.kind.offset_in(warning.map_or(DEFAULT_WARNING * limit, |w| w.value)),
+            size: keys.kind.offset_in(limit),
+            stop: keys.kind.offset_in(stop.map_or(DEFAULT_STOP * limit, |s| s.value)),
+            step: keys.kind.offset_in(step),
+            rate: keys.kind.offset_in(rate?),
+            acceleration: keys.kind.offset_in(acceleration?),
         },
-        jump_limit: (keys.position)(jump),
-        reversal_deadband: (keys.offset)(deadband),
-        read_back_tolerance: (keys.offset)(tolerance.map_or(DEFAULT_TOLERANCE.min(0.5 * limit), |t| t.value)),
+        jump_limit: keys.kind.position_in(jump),
+        reversal_deadband: keys.kind.offset_in(deadband),
+        read_back_tolerance: keys
+            .kind
+            .offset_in(tolerance.map_or(DEFAULT_TOLERANCE.min(0.5 * limit), |t| t.value)),
         soft_limits: soft,
     })
 }
@@ -403,7 +398,7 @@ fn against_limit(
     [warning, stop, tolerance]: [&Option<Placed<f64>>; 3],
 ) {
     let Some(limit) = limit else { return };
-    let unit = keys.units[0];
+    let unit = keys.kind.offset_unit();
     let wrong = |found: &Placed<f64>, key: &'static str, where_: &str, remedy: &str| {
         let message = format!(
             "{} is {} {unit}, {where_} {} ({limit} {unit})",
@@ -438,7 +433,7 @@ fn read_soft_limits(section: &Section<'_>, keys: &AxisKeys) -> [f64; 2] {
         );
         section.report(Diagnostic::at(list.place, message, "write the lower end first"));
     }
-    [(keys.position)(low), (keys.position)(high)]
+    [keys.kind.position_in(low), keys.kind.position_in(high)]
 }
 
 fn read_realtime(realtime: &Section<'_>) -> RealtimeConfig {

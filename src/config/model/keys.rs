@@ -119,10 +119,7 @@ impl PositionKeys {
 
     /// Why the unit is what it is.
     pub(super) fn reason(axis: AxisName) -> String {
-        match axis.kind() {
-            AxisKind::Linear => format!("axis {axis} is linear"),
-            AxisKind::Rotary => format!("axis {axis} is rotary"),
-        }
+        format!("axis {axis} is {}", axis.kind().name())
     }
 }
 

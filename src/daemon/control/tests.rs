@@ -8,7 +8,7 @@ fn control(kept_fault: bool) -> (Control, ServiceChannels) {
     let (cycle, service) = channels();
     let loaded = simulation::loaded();
     let start = Start {
-        model: Arc::clone(&loaded.model),
+        model: Arc::clone(&loaded.model.model),
         permitted: true,
         kept_fault,
         service_silent_s: SERVICE_SILENT_S,

@@ -9,8 +9,7 @@ use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::Registry;
 
 use super::snapshot::{BOUNDS_S, Buckets, Snapshot};
-use crate::channels::STATES;
-use crate::status_collector::state_name;
+use volcomp_engine::State;
 use volcomp_engine::fault::{CATALOGUE, Severity};
 use volcomp_units::{mm_from_um, rad_from_arcsec};
 
@@ -142,7 +141,7 @@ impl Source {
 
     fn state(&self, e: &mut DescriptorEncoder<'_>) -> fmt::Result {
         let status = &self.0.status;
-        let states = STATES.iter().map(|state| state_name(*state)).chain(["disconnected"]);
+        let states = State::ALL.iter().map(|state| state.name()).chain(["disconnected"]);
         let values = states.map(|name| (vec![("state", name)], f64::from(u8::from(name == status.state))));
         gauge(e, "volcomp_state", "1 for the present state", values.collect())?;
         let flag = |on: bool| f64::from(u8::from(on));

@@ -11,13 +11,13 @@ use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX, read_bound
 pub use additions::with_additions;
 
 use super::http::{Token, TokenError};
+use super::models::Prepared;
 use super::tls::{self, Identity, TlsFileError};
 use volcomp_config::machine::ModelMismatch;
-use volcomp_config::{ConfigErrors, MachineConfig, Measured, model};
+use volcomp_config::{ConfigErrors, MachineConfig, model};
 use volcomp_effects::extend::Fate;
 use volcomp_engine::fault::Code;
-use volcomp_estimate::Thermal;
-use volcomp_model::{Model, ModelError, ModelSpec};
+use volcomp_model::{Model, ModelError};
 use volcomp_units::axes::AxisName;
 
 /// Everything that comes from files.
@@ -25,24 +25,10 @@ use volcomp_units::axes::AxisName;
 pub struct Loaded {
     /// The machine file.
     pub config: MachineConfig,
-    /// The model, compiled.
-    pub model: Arc<Model>,
-    /// Where the model was read from.
-    pub model_path: PathBuf,
-    /// What the model file says.
-    pub spec: ModelSpec,
-    /// Thermal displacements that the model file lists.
-    pub thermal: Vec<Thermal>,
-    /// Last day on which the model should be used, where it states one.
-    pub expiry: Option<String>,
-    /// When and with what the model was measured, where stated.
-    pub measured: Measured,
-    /// BLAKE3 of the model's text, in hex.
-    pub model_hash: String,
+    /// The model that it names; with additions, its text is as `volcomp model extend` writes it.
+    pub model: Prepared,
     /// The machine file as it was read.
     pub config_text: String,
-    /// The model file as it was read; with additions, as `volcomp model extend` writes it.
-    pub model_text: String,
     /// What became of the effects of additions, by label.
     pub fates: Vec<(String, Fate)>,
     /// Axes of the model that the machine file does not list: they are never offset.
@@ -249,23 +235,17 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         .map_err(|source| LoadError::Tls { config: path.to_owned(), source: Box::new(source) })?;
     let http_token = Token::of(path, &config.http)
         .map_err(|source| LoadError::Token { config: path.to_owned(), source })?;
-    let model = Arc::new(model);
-    Ok(Loaded {
-        config,
-        model,
-        model_path,
+    let model = Prepared {
         spec,
         thermal,
+        model: Arc::new(model),
+        text: model_text,
+        hash: model_hash,
+        origin: model_path.display().to_string(),
         expiry,
         measured,
-        model_hash,
-        config_text,
-        model_text,
-        fates,
-        uncorrected,
-        identity,
-        http_token,
-    })
+    };
+    Ok(Loaded { config, model, config_text, fates, uncorrected, identity, http_token })
 }
 
 pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {

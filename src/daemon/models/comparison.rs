@@ -6,8 +6,8 @@ use super::{Prepared, guard};
 use crate::socket::ModelChange;
 use volcomp_config::GuardConfig;
 use volcomp_model::compare::{Change, Comparison, ErrorDifference, compare, relative_values};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use volcomp_units::axes::Travel;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Intervals of a curve.
 const POINTS: usize = 120;
@@ -106,8 +106,7 @@ fn changes(found: &Comparison) -> Vec<String> {
 fn curves(old: &Prepared, new: &Prepared, error: &ErrorDifference) -> ErrorCurves {
     let symbol = error.symbol;
     let value = |v: f64| if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) };
-    let rotary = AxisName::kind(symbol.axis()) == AxisKind::Rotary;
-    let position = |q: f64| if rotary { deg_from_rad(q) } else { q };
+    let kind = symbol.axis().kind();
     let places: Vec<f64> = error.over.map_or_else(Vec::new, |[low, high]| {
         (0..=POINTS).map(|k| low + (high - low) * k as f64 / POINTS as f64).collect()
     });
@@ -126,10 +125,10 @@ fn curves(old: &Prepared, new: &Prepared, error: &ErrorDifference) -> ErrorCurve
     ErrorCurves {
         symbol: symbol.to_string(),
         unit: if symbol.is_angle() { "arcsec" } else { "um" }.to_owned(),
-        position_unit: if rotary { "deg" } else { "mm" }.to_owned(),
+        position_unit: kind.position_unit().to_owned(),
         largest: value(error.largest),
         rms: value(error.rms),
-        positions: places.iter().copied().map(position).collect(),
+        positions: places.iter().map(|q| kind.position_out(*q)).collect(),
         old,
         new,
         old_reverse,

@@ -113,18 +113,7 @@ impl Models {
         loaded: &Loaded,
         hold: impl FnOnce(&str) -> io::Result<()>,
     ) -> Self {
-        let text = loaded.model_text.clone();
-        let origin = loaded.model_path.display().to_string();
-        let configured = Prepared {
-            spec: loaded.spec.clone(),
-            thermal: loaded.thermal.clone(),
-            model: Arc::clone(&loaded.model),
-            hash: loaded.model_hash.clone(),
-            expiry: loaded.expiry.clone(),
-            measured: loaded.measured.clone(),
-            text,
-            origin,
-        };
+        let configured = loaded.model.clone();
         let choice = Choice {
             hash: configured.hash.clone(),
             origin: configured.origin.clone(),

@@ -34,8 +34,8 @@ fn hello(loaded: &Loaded) -> ControlHello {
 fn machine(change: impl FnOnce(&mut MachineConfig), errors: &str) -> Loaded {
     let mut loaded = loaded();
     change(&mut loaded.config);
-    loaded.model_text.push_str(errors);
-    loaded.model = model(&loaded.model_text);
+    loaded.model.text.push_str(errors);
+    loaded.model.model = model(&loaded.model.text);
     loaded
 }
 
@@ -61,7 +61,7 @@ struct Turn<'a> {
 fn play(loaded: &Loaded, cycles: u32, lag: usize, mut script: impl FnMut(&mut Turn<'_>)) -> Vec<Item> {
     let hello = hello(loaded);
     let engine = loaded.config.engine_config(&hello).expect("fits");
-    let mut session = LinkSession::new(&engine, Arc::clone(&loaded.model)).expect("an engine");
+    let mut session = LinkSession::new(&engine, Arc::clone(&loaded.model.model)).expect("an engine");
     let (tap, entries) = tap(8 * cycles as usize);
     session.record_to(tap, MonoTime::ZERO, &hello);
     session.link_up(MonoTime::ZERO);
@@ -156,7 +156,7 @@ fn replay(loaded: &Loaded, items: &[Item]) -> Report {
 }
 
 fn replay_with(loaded: &Loaded, models: &[([u8; 32], Arc<Model>)], items: &[Item]) -> Report {
-    let mut replay = Replay::new(loaded.config.clone(), Arc::clone(&loaded.model));
+    let mut replay = Replay::new(loaded.config.clone(), Arc::clone(&loaded.model.model));
     for (hash, model) in models {
         replay.add_model(*hash, Arc::clone(model));
     }
@@ -224,10 +224,10 @@ fn the_lag_is_measured_in_the_replay_as_it_was() {
 fn harmonics_fade_in_the_replay_as_they_did() {
     // 150 mm/s and half a cycle of doubt are 0.08 mm: a wave of 0.4 mm cannot be placed
     let wave = "[[errors.exx.fourier]]\norigin-mm = 0\nspan-mm = 850\nperiod-mm = 0.4\nsin-um = [1.0]\n";
-    let text = loaded().model_text;
+    let text = loaded().model.text;
     let at = text.find("[[errors.exx.fourier]]").expect("in the example");
     let mut loaded = loaded();
-    loaded.model = model(&[&text[..at], wave, &text[at..]].concat());
+    loaded.model.model = model(&[&text[..at], wave, &text[at..]].concat());
     let items = play(&loaded, 6_000, 2, |_| ());
     let faded = answers(&items).filter(|answer| answer.faded & 1 == 1).count();
     assert!((1_000..6_000).contains(&faded), "{faded} cycles faded");
@@ -268,9 +268,9 @@ fn live_values_and_the_fading_to_the_static_model_are_replayed() {
 #[test]
 fn switches_to_another_model_are_replayed_with_its_text() {
     let loaded = loaded();
-    let text = loaded.model_text.replace("[-11.5, -5.5]", "[-3.5, 4.5]") + LIVE;
+    let text = loaded.model.text.replace("[-11.5, -5.5]", "[-3.5, 4.5]") + LIVE;
     let other = ([5; 32], model(&text));
-    let first = ([6; 32], Arc::clone(&loaded.model));
+    let first = ([6; 32], Arc::clone(&loaded.model.model));
     let items = play(&loaded, 12_000, 2, |turn| {
         let to = match turn.cycle {
             4_000 => &other,
@@ -346,7 +346,7 @@ fn faults_are_replayed_with_their_numbers() {
 fn after_a_gap_lag_live_values_and_model_are_taken_up_again() {
     for source in [PositionSource::Commanded, PositionSource::Actual] {
         let loaded = machine(|config| config.engine.position_source = source, LIVE);
-        let other = ([5; 32], model(&loaded.model_text.replace("[-11.5, -5.5]", "[-3.5, 4.5]")));
+        let other = ([5; 32], model(&loaded.model.text.replace("[-11.5, -5.5]", "[-3.5, 4.5]")));
         let items = play(&loaded, 20_000, 4, |turn| {
             send_live_values(turn);
             if turn.cycle == 2_000 {
@@ -399,7 +399,7 @@ fn the_last_bit_of_one_offset_is_found_with_its_place_and_both_values() {
 fn another_model_is_not_the_same() {
     let loaded = loaded();
     let items = record(&loaded, 6_000);
-    let mut spec = volcomp_config::model::parse("other", &loaded.model_text).expect("valid");
+    let mut spec = volcomp_config::model::parse("other", &loaded.model.text).expect("valid");
     spec.errors.clear();
     let model = Arc::new(Model::new(&spec).expect("a model without errors"));
     let mut replay = Replay::new(loaded.config, model);

@@ -4,7 +4,7 @@ use tracing::{info, warn};
 
 use crate::handshake;
 use crate::realtime::RealtimeReport;
-use crate::status_collector::{StatusCollector, state_name};
+use crate::status_collector::StatusCollector;
 use volcomp_engine::fault::{self, Code};
 use volcomp_engine::{Event, State};
 use volcomp_protocol::ControlHello;
@@ -42,7 +42,7 @@ pub(super) fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, 
 pub(super) fn log_event(event: &Event, held_back: u64, status_collector: &StatusCollector) {
     let Event::StateChanged { from, to, reason, detail } = event;
     let numbers = status_collector.numbers(detail.as_ref());
-    let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
+    let (from, to_name, entry) = (from.name(), to.name(), fault::of_reason(*reason));
     let code = entry.code;
     match (to, reason) {
         (State::Faulted | State::Holding, _) => {

@@ -12,7 +12,6 @@ use super::Service;
 use crate::audit::{AuditEntry, Who};
 use crate::channels::{Request, Ticket};
 use crate::counters::unknown;
-use crate::status_collector::state_name;
 use crate::sync;
 use crate::write_queue::Saved;
 use volcomp_config::StartMode;
@@ -71,12 +70,12 @@ impl Service {
 
     /// Why compensation does not begin by itself, where it should.
     pub(super) fn start_inhibit(&self) -> Option<String> {
-        self.retained.objection.clone().filter(|_| self.config.engine.start == StartMode::OnConnect)
+        self.retained.objection.clone().filter(|_| self.config.start == StartMode::OnConnect)
     }
 
     /// Whether compensation begins by itself; `permitted` where the model allows it.
     pub(crate) fn begins(&mut self, permitted: bool) -> bool {
-        if self.config.engine.start != StartMode::OnConnect || !permitted {
+        if self.config.start != StartMode::OnConnect || !permitted {
             return false;
         }
         if self.retained.objection.is_none() && self.state_writer.recalled() == Some(&Recalled::First) {
@@ -193,7 +192,7 @@ impl Service {
     pub(crate) fn is_undone(&self, request: &Request) -> bool {
         match request {
             Request::Engine(Command::Disable | Command::ClearFault) => {
-                self.config.engine.start == StartMode::OnConnect
+                self.config.start == StartMode::OnConnect
             }
             Request::Engine(Command::SetGain(_)) => true,
             _ => false,
@@ -244,7 +243,7 @@ impl Service {
                 "{} {}, in state {}{}",
                 entry.code,
                 entry.name,
-                state_name(*from),
+                from.name(),
                 numbers.map_or_else(String::new, |numbers| format!(": {numbers}"))
             )),
             ..AuditEntry::default()

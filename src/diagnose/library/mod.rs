@@ -10,8 +10,8 @@ use super::session::Session;
 use volcomp_effects::Signal;
 
 pub use volcomp_effects::{
-    EFFECTS, Effect, Kind, Label, LabelError, Lever, Measurement, REFERENCE_DEGC, RotaryFrame, STILL, Shape,
-    WIDTH_MAX, Without, forms, legendre, line_of_sight,
+    EFFECTS, Effect, Kind, Label, LabelError, Lever, Measurement, PROCEDURES, Procedure, REFERENCE_DEGC,
+    RotaryFrame, STILL, Shape, WIDTH_MAX, Without, forms, legendre, line_of_sight,
 };
 
 /// One way in which an effect may show.

@@ -6,7 +6,7 @@ pub use self::program::Dialect;
 
 use self::program::Program;
 use super::constants::{MOST, TOLD};
-use super::library::{Effect, Kind, Label, Library, Measurement as Motion};
+use super::library::{Effect, Kind, Label, Library, Measurement as Motion, PROCEDURES, Procedure};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
 
@@ -19,74 +19,8 @@ const PLACE_S: f64 = 10.0;
 /// Effects named that a measurement shows and these data cannot.
 const UNSEEN_NAMED: usize = 4;
 
-/// A measurement of the catalogue.
-struct Measurement {
-    action: &'static str,
-    motion: Motion,
-    /// Preparation by somebody who has done it before: mounting, alignment, warm-up, min.
-    prepare_min: f64,
-}
-
-const CATALOGUE: [Measurement; 11] = [
-    Measurement {
-        action: "repeat the circles of each plane at a second feed, three times as high, in both directions",
-        motion: Motion::Circles,
-        prepare_min: 20.0,
-    },
-    Measurement {
-        action: "measure points of the line at rest, approached from both directions, with 3 s of dwell",
-        motion: Motion::Points,
-        prepare_min: 30.0,
-    },
-    Measurement {
-        action: "repeat the lines cold and after an hour of warm-up, at least 3 K apart",
-        motion: Motion::ColdAndWarm,
-        prepare_min: 90.0,
-    },
-    Measurement {
-        action: "repeat the grid with a second tool length in the same setup",
-        motion: Motion::TwoTools,
-        prepare_min: 20.0,
-    },
-    Measurement {
-        action: "repeat the line at a second place of the other axes",
-        motion: Motion::SecondPlace,
-        prepare_min: 20.0,
-    },
-    Measurement {
-        action: "run a line with fine steps, not equal: below a tenth of a pitch or of the place in question",
-        motion: Motion::FineSteps,
-        prepare_min: 30.0,
-    },
-    Measurement {
-        action: "spindle on, off, on for an hour each with a probe at the tool",
-        motion: Motion::Spindle,
-        prepare_min: 200.0,
-    },
-    Measurement {
-        action: "measure with a trigger shared by control and instrument, with a start and stop step in each file",
-        motion: Motion::StartAndStop,
-        prepare_min: 20.0,
-    },
-    Measurement {
-        action: "measure a known length with a second instrument, or from a second station",
-        motion: Motion::SecondInstrument,
-        prepare_min: 45.0,
-    },
-    Measurement {
-        action: "repeat the R-test with the ball at a second radius and height, in uneven steps of the angle",
-        motion: Motion::Turn,
-        prepare_min: 30.0,
-    },
-    Measurement {
-        action: "measure the lines over the whole travel: over a part of it the slope of a curve is a straight line",
-        motion: Motion::WholeTravel,
-        prepare_min: 30.0,
-    },
-];
-
 /// True where a measurement changes the size of an effect (label); it separates that from those whose size it leaves.
-fn changes(m: &Measurement, label: &str) -> bool {
+fn changes(m: &Procedure, label: &str) -> bool {
     let name = label.split(':').next().unwrap_or(label);
     Effect::find(name).is_some_and(|e| e.changes_with.contains(&m.motion))
 }
@@ -104,7 +38,7 @@ fn axes(labels: &[String]) -> Vec<char> {
 /// A measurement with its part program and its duration.
 fn asked(
     program: &Program,
-    m: &Measurement,
+    m: &Procedure,
     separates: Vec<String>,
     information: f64,
     decides: String,
@@ -116,7 +50,7 @@ fn asked(
 }
 
 /// What the result of a measurement decides between the pairs that it tells apart.
-fn decides(m: &Measurement, told: &[&(String, String, f64)]) -> String {
+fn decides(m: &Procedure, told: &[&(String, String, f64)]) -> String {
     let mut groups: [Vec<&str>; 2] = Default::default();
     for label in told.iter().flat_map(|p| [&p.0, &p.1]) {
         let group = &mut groups[usize::from(!changes(m, label))];
@@ -167,8 +101,8 @@ pub(super) fn next(
         }
     }
     let program = Program::of(session, dialect);
-    let is_new = |m: &&Measurement| m.motion != Motion::WholeTravel || library.partly.contains(&true);
-    let mut all: Vec<Next> = CATALOGUE
+    let is_new = |m: &&Procedure| m.motion != Motion::WholeTravel || library.partly.contains(&true);
+    let mut all: Vec<Next> = PROCEDURES
         .iter()
         .filter(is_new)
         .filter_map(|m| {
@@ -199,7 +133,7 @@ pub(super) fn next(
         // what the readings do not record may be at work in them; what its column shows to be constant cannot
         let unrecorded: Vec<&str> =
             library.blind.iter().filter(|b| b.is_unrecorded).map(|b| b.label.as_str()).collect();
-        for m in CATALOGUE.iter().filter(is_new) {
+        for m in PROCEDURES.iter().filter(is_new) {
             let shown: Vec<String> =
                 unrecorded.iter().filter(|l| changes(m, l)).map(|l| (*l).to_owned()).collect();
             if !shown.is_empty() && !all.iter().any(|n| n.action == m.action) {
@@ -214,7 +148,7 @@ pub(super) fn next(
         }
     }
     if unexplained.is_pointwise
-        && let Some(m) = CATALOGUE.iter().find(|m| m.motion == Motion::FineSteps)
+        && let Some(m) = PROCEDURES.iter().find(|m| m.motion == Motion::FineSteps)
     {
         const OVER_POSITION: [&str; 5] =
             ["positioning", "cyclic", "wear", "rotary-motion", "rotary-eccentricity"];
@@ -250,7 +184,7 @@ pub(super) fn next(
             let separates: Vec<String> = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
             let decides = format!("decides which of {} it is", separates.join(", "));
             let action = p.settles.trim_end_matches('.');
-            let m = Measurement { action, motion: Motion::Points, prepare_min: PREPARE_MIN };
+            let m = Procedure { action, motion: Motion::Points, prepare_min: PREPARE_MIN };
             all.push(asked(&program, &m, separates, ONE_OF_TWO, decides));
         }
     }

@@ -7,8 +7,7 @@ use crate::machine_state::{Axis, MachineState, SLOTS};
 use volcomp_model::curve::{Interpolation, Table};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Component, Curve, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::AxisKind;
-use volcomp_units::{RAD_PER_ARCSEC, mm_from_um, rad_from_deg};
+use volcomp_units::{RAD_PER_ARCSEC, mm_from_um};
 
 /// Points of a table.
 const POINTS: usize = 201;
@@ -45,10 +44,7 @@ pub(crate) fn travel(spec: &ModelSpec, entry: &Entry, axis: Axis) -> Option<[f64
 /// Where the data were, mm or rad.
 pub(crate) fn seen(entry: &Entry, axis: Axis) -> Option<[f64; 2]> {
     let range = entry.valid.get(&axis.column())?;
-    Some(match axis.name().kind() {
-        AxisKind::Linear => *range,
-        AxisKind::Rotary => range.map(rad_from_deg),
-    })
+    Some(range.map(|q| axis.name().kind().position_in(q)))
 }
 
 /// Where a table has its points.

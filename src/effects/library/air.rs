@@ -4,62 +4,32 @@ use crate::machine_state::Light;
 use crate::prelude::*;
 use crate::shape::line_of_sight;
 
-/// What is known of refraction.
-pub(crate) static DEAD_PATH: Effect = Effect {
-    name: "dead-path",
-    title: "refraction and dead path of the laser",
-    synonyms: "refraction edlen",
-    kind: Kind::Instrument,
-    subjects: Subjects::Whole,
-    cause: "The laser's wavelength follows the air; its dead path is not corrected.",
-    formula: "along the beam: c (T - 20) (range + q), of lasers, of trackers or of both",
-    looks_like: "Scale errors of all axes alike that follow the air.",
-    confused_with: "scale and thermal expansion",
-    settles: "Another instrument (ballbar), or two ranges with a log of the air.",
-    changes_with: &[Measurement::ColdAndWarm, Measurement::SecondInstrument],
-    remedy: "weather station; zero the interferometer at the beam splitter",
-    variants: |data, _| {
-        let both = data.lights.len() == Light::ALL.len();
-        let lights = [None, Some(Light::Laser), Some(Light::Tracker)];
-        let lights = &lights[..if both { lights.len() } else { 1 }];
-        let shape = |(source, light): (&Source, &Option<Light>)| {
-            let signal = Signal::of(source.clone(), 0.0);
-            DeadPath { signal, light: *light, station: None }.into()
-        };
-        let shapes: Vec<Shape> =
-            data.air().flat_map(|s| lights.iter().map(move |l| (s, l))).map(shape).collect();
-        if !data.ranges || shapes.is_empty() {
-            return Err("needs range_mm and the temperature of the air, both changing".into());
-        }
-        Ok(shapes)
-    },
-};
+/// Variants of `dead-path`.
+pub(super) fn dead_path(data: &Data, _: &Subject) -> Variants {
+    let both = data.lights.len() == Light::ALL.len();
+    let lights = [None, Some(Light::Laser), Some(Light::Tracker)];
+    let lights = &lights[..if both { lights.len() } else { 1 }];
+    let shape = |(source, light): (&Source, &Option<Light>)| {
+        let signal = Signal::of(source.clone(), 0.0);
+        DeadPath { signal, light: *light, station: None }.into()
+    };
+    let shapes: Vec<Shape> = data.air().flat_map(|s| lights.iter().map(move |l| (s, l))).map(shape).collect();
+    if !data.ranges || shapes.is_empty() {
+        return Err("needs range_mm and the temperature of the air, both changing".into());
+    }
+    Ok(shapes)
+}
 
-/// What is known of the scale of a tracker.
-pub(crate) static TRACKER_SCALE: Effect = Effect {
-    name: "tracker-scale",
-    title: "scale error of the laser tracker",
-    synonyms: "range-scale",
-    kind: Kind::Instrument,
-    subjects: Subjects::Whole,
-    cause: "The tracker measures ranges wrong in proportion.",
-    formula: "along the beam of a tracker: c range, or c range + zero",
-    looks_like: "All axes too long or short by the same share.",
-    confused_with: "three equal scales",
-    settles: "A known length measured radially, or another instrument.",
-    changes_with: &[Measurement::SecondInstrument],
-    remedy: "calibrate the tracker; atmospheric correction",
-    variants: |data, _| {
-        if !(data.ranges && data.stations) {
-            return Err("needs range_mm and station_x_mm .. of a tracker".into());
-        }
-        let plain = [false, true].map(|zero| TrackerScale { signal: None, zero });
-        let warm = data
-            .air()
-            .map(|source| TrackerScale { signal: Some(Signal::of(source.clone(), 0.0)), zero: false });
-        Ok(plain.into_iter().chain(warm).map(Into::into).collect())
-    },
-};
+/// Variants of `tracker-scale`.
+pub(super) fn tracker_scale(data: &Data, _: &Subject) -> Variants {
+    if !(data.ranges && data.stations) {
+        return Err("needs range_mm and station_x_mm .. of a tracker".into());
+    }
+    let plain = [false, true].map(|zero| TrackerScale { signal: None, zero });
+    let warm =
+        data.air().map(|source| TrackerScale { signal: Some(Signal::of(source.clone(), 0.0)), zero: false });
+    Ok(plain.into_iter().chain(warm).map(Into::into).collect())
+}
 
 /// Along the beam: `c (T - 20) (range + q)`; of all instruments that measure by light, or only of one kind, or (additions
 /// of before) only of those with (true) or without (false) a station.

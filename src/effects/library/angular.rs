@@ -9,43 +9,29 @@ const DEGREES: [usize; 5] = [1, 2, 3, 5, 8];
 /// Shortest lever through which an angle is said to act, mm.
 const LEVER_MM: f64 = 1.0;
 
-/// What is known of it.
-pub(crate) static ANGULAR: Effect = Effect {
-    name: "angular",
-    title: "angular error motion {}",
-    synonyms: "roll pitch yaw eax ebx ecx",
-    kind: Kind::Machine,
-    subjects: Subjects::Angular,
-    cause: "The carriage turns as it moves.",
-    formula: "d = eps(x_a) x lever, eps = e_1 x/h + SUM e_k (P_k(x) - P_k(0)), zero at the zero of the axis",
-    looks_like: "Straightness and positioning that change with the lever.",
-    confused_with: "straightness and squareness, where the lever does not change",
-    settles: "Lines at two levers: other axes moved, or two tool lengths.",
-    changes_with: &[Measurement::TwoTools, Measurement::SecondPlace, Measurement::WholeTravel],
-    remedy: "align or level the guideway; volumetric compensation",
-    variants: |data, of| {
-        let over = of.axis;
-        let Some([low, high]) = data.range[over.slot()] else { return Ok(Vec::new()) };
-        let (centre_mm, half_mm, lever) = (0.5 * (low + high), 0.5 * (high - low), data.lever(over));
-        // about a linear direction
-        let about = Axis::LINEAR[of.first.direction()];
-        let crosses = |i: &usize| *i != about.direction() && lever.axes[*i];
-        let arm = (0..3).filter(crosses).any(|i| data.range[i].is_some());
-        let tool = lever.tool && about != Axis::Z || data.head();
-        if !(arm || tool || data.angular) {
-            let moved: [f64; 3] = unit(about.direction()).cross(&lever.at(&data.first)).into();
-            return Err(Hidden {
-                one_lever: moved.map(|d| d.abs() > LEVER_MM),
-                ..Hidden::from(
-                    "no lever changes: move an axis between it and the tool, or use a second tool length",
-                )
-            });
-        }
-        let centre_mm = Some(centre_mm);
-        let shape = |degree| Angular { about, over, degree, half_mm, centre_mm, lever }.into();
-        data.structural(data.degrees(over, None, &DEGREES).into_iter().map(shape).collect())
-    },
-};
+/// Variants of `angular`.
+pub(super) fn angular(data: &Data, of: &Subject) -> Variants {
+    let over = of.axis;
+    let Some([low, high]) = data.range[over.slot()] else { return Ok(Vec::new()) };
+    let (centre_mm, half_mm, lever) = (0.5 * (low + high), 0.5 * (high - low), data.lever(over));
+    // about a linear direction
+    let about = Axis::LINEAR[of.first.direction()];
+    let crosses = |i: &usize| *i != about.direction() && lever.axes[*i];
+    let arm = (0..3).filter(crosses).any(|i| data.range[i].is_some());
+    let tool = lever.tool && about != Axis::Z || data.head();
+    if !(arm || tool || data.angular) {
+        let moved: [f64; 3] = unit(about.direction()).cross(&lever.at(&data.first)).into();
+        return Err(Hidden {
+            one_lever: moved.map(|d| d.abs() > LEVER_MM),
+            ..Hidden::from(
+                "no lever changes: move an axis between it and the tool, or use a second tool length",
+            )
+        });
+    }
+    let centre_mm = Some(centre_mm);
+    let shape = |degree| Angular { about, over, degree, half_mm, centre_mm, lever }.into();
+    data.structural(data.degrees(over, None, &DEGREES).into_iter().map(shape).collect())
+}
 
 /// `d = eps x lever` about one direction, `eps = SUM e_k p_k(x)` zero at the zero of the axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

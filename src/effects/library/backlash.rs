@@ -10,62 +10,34 @@ const DRAWN: f64 = 6.0;
 
 const ONE_WAY: &str = "the axis is measured in one direction only";
 
-/// What is known of it along an axis.
-pub(crate) static BACKLASH: Effect = Effect {
-    name: "backlash",
-    title: "reversal error (backlash) of {}",
-    synonyms: "lost-motion wind-up reversal-error",
-    kind: Kind::Machine,
-    subjects: Subjects::Axes,
-    cause: "Clearance or elastic wind-up of the drive.",
-    formula: "d_a = -w/2 dir (1 - exp(-s/s0)) (1 + g x)",
-    looks_like: "Two curves, one for each direction, apart by the width; the same at rest and at any feed.",
-    confused_with: "reversal spikes (only while moving), servo lag (grows with feed)",
-    settles: "Readings at rest from both directions, then the same moving at two feeds.",
-    changes_with: &[],
-    remedy: "preload or renew nut and bearings; reversal compensation",
-    variants: |data, of| {
-        let axis = of.axis;
-        if data.moved(axis)?.is_none() || !axis.is_linear() && !data.reverses[axis.slot()] {
-            return Ok(Vec::new());
-        }
-        if !data.reverses[axis.slot()] {
-            return Err(ONE_WAY.into());
-        }
-        if let (false, Some(frame)) = (axis.is_linear(), data.frame(axis)) {
-            return Ok(vec![RotaryBacklash { frame }.into()]);
-        }
-        Ok([false, true].into_iter().flat_map(|slope| grid(axis, &[axis], slope)).collect())
-    },
-};
+/// Variants of `backlash`.
+pub(super) fn backlash(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if data.moved(axis)?.is_none() || !axis.is_linear() && !data.reverses[axis.slot()] {
+        return Ok(Vec::new());
+    }
+    if !data.reverses[axis.slot()] {
+        return Err(ONE_WAY.into());
+    }
+    if let (false, Some(frame)) = (axis.is_linear(), data.frame(axis)) {
+        return Ok(vec![RotaryBacklash { frame }.into()]);
+    }
+    Ok([false, true].into_iter().flat_map(|slope| grid(axis, &[axis], slope)).collect())
+}
 
-/// What is known of it across an axis.
-pub(crate) static LATERAL_PLAY: Effect = Effect {
-    name: "lateral-play",
-    title: "lateral play of {} at reversal",
-    synonyms: "play",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "The carriage shifts sideways when it turns round.",
-    formula: "d_b = w/2 dir_a",
-    looks_like: "Steps across the axis at its reversals.",
-    confused_with: "roll of the carriage with direction",
-    settles: "Reversals at two levers (tool lengths or positions of another axis).",
-    changes_with: &[Measurement::SecondPlace],
-    remedy: "adjust gibs or carriage preload",
-    variants: |data, of| {
-        let axis = of.axis;
-        if data.moved(axis)?.is_none() {
-            return Ok(Vec::new());
-        }
-        if !data.reverses[axis.slot()] {
-            return Err(ONE_WAY.into());
-        }
-        let others = axis.others();
-        let ways = others.iter().map(|o| vec![*o]).chain([others.clone()]);
-        data.structural(ways.flat_map(|along| grid(axis, &along, false)).collect())
-    },
-};
+/// Variants of `lateral-play`.
+pub(super) fn lateral_play(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if data.moved(axis)?.is_none() {
+        return Ok(Vec::new());
+    }
+    if !data.reverses[axis.slot()] {
+        return Err(ONE_WAY.into());
+    }
+    let others = axis.others();
+    let ways = others.iter().map(|o| vec![*o]).chain([others.clone()]);
+    data.structural(ways.flat_map(|along| grid(axis, &along, false)).collect())
+}
 
 fn grid(axis: Axis, along: &[Axis], slope: bool) -> [Shape; 6] {
     LENGTHS.map(|length_mm| Backlash { axis, along: along.to_vec(), length_mm, slope }.into())

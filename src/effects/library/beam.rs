@@ -6,44 +6,29 @@ use crate::prelude::*;
 const LENGTHS: [f64; 3] = [1.0, 1.5, 2.5];
 const LONGEST: f64 = 3.0;
 
-/// What is known of it.
-pub(crate) static SAG: Effect = Effect {
-    name: "sag",
-    title: "sag along {}",
-    synonyms: "ram-sag beam-sag bending",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "A ram or beam bends under its own weight as it reaches out.",
-    formula: "beam: d_z = -w s^2 (3 L - s)/(2 L^3), and its slope times the tool length (under a head that turns: times the lever to the tool); ram that moves out: d_z = -(w1 s^3 + w2 s^4 + w3 s^2), and its slope (on a beam: the derivative) times the lever to the tool",
-    looks_like: "A smooth drop towards the end of the reach; tilt of the tool with it.",
-    confused_with: "straightness in z, scale through the tool's part",
-    settles: "The line with two tool lengths in one setup.",
-    changes_with: &[Measurement::TwoTools],
-    remedy: "counterbalance or sag compensation",
-    variants: |data, of| {
-        let axis = of.axis;
-        let Some([low, high]) = data.moved(axis)?.filter(|_| axis != Axis::Z) else { return Ok(Vec::new()) };
-        if data.only_angles {
-            return Err("angles alone show its slope only, which is an angular error motion".into());
+/// Variants of `sag`.
+pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    let Some([low, high]) = data.moved(axis)?.filter(|_| axis != Axis::Z) else { return Ok(Vec::new()) };
+    if data.only_angles {
+        return Err("angles alone show its slope only, which is an angular error motion".into());
+    }
+    let (half, own) = (0.5 * (high - low), data.lever(axis));
+    // under a head the slope turns all that hangs on it
+    let under = data.head().then_some(own);
+    let mut shapes: Vec<Shape> = Vec::new();
+    for length_mm in LENGTHS.map(|f| 2.0 * half * f) {
+        for tool in [false, true].into_iter().filter(|t| !t || data.tools || under.is_some()) {
+            shapes.push(Sag { axis, start_mm: low, length_mm, tool, lever: under.filter(|_| tool) }.into());
         }
-        let (half, own) = (0.5 * (high - low), data.lever(axis));
-        // under a head the slope turns all that hangs on it
-        let under = data.head().then_some(own);
-        let mut shapes: Vec<Shape> = Vec::new();
-        for length_mm in LENGTHS.map(|f| 2.0 * half * f) {
-            for tool in [false, true].into_iter().filter(|t| !t || data.tools || under.is_some()) {
-                shapes
-                    .push(Sag { axis, start_mm: low, length_mm, tool, lever: under.filter(|_| tool) }.into());
-            }
-        }
-        let (start_mm, reach_mm) = (low.min(0.0), 2.0 * half);
-        shapes.extend(
-            [(false, false), (true, false), (true, true)]
-                .map(|(moment, beam)| Ram { axis, start_mm, reach_mm, lever: own, moment, beam }.into()),
-        );
-        data.structural(shapes)
-    },
-};
+    }
+    let (start_mm, reach_mm) = (low.min(0.0), 2.0 * half);
+    shapes.extend(
+        [(false, false), (true, false), (true, true)]
+            .map(|(moment, beam)| Ram { axis, start_mm, reach_mm, lever: own, moment, beam }.into()),
+    );
+    data.structural(shapes)
+}
 
 /// Bending of a cantilever: `d_z = w s^2 (3 L - s)/(2 L^3)`, `s = x - start`, and its slope times the tool length.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -12,58 +12,30 @@ const FEW: usize = 12;
 /// Curves are held beyond so many half ranges of the data.
 const HELD: f64 = 1.2;
 
-/// What is known of it along an axis.
-pub(crate) static POSITIONING: Effect = Effect {
-    name: "positioning",
-    title: "positioning error of {}",
-    synonyms: "screw-table pitch-table",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "Pitch errors of screw or scale that are not linear.",
-    formula: "d_a = SUM c_k P_k(x_a), degree 2 and up",
-    looks_like: "A curve over the position that repeats in both directions.",
-    confused_with: "local wear (a narrow part of it), a cyclic error sampled too coarsely",
-    settles: "A laser line with steps that are fine and not equal.",
-    changes_with: &[Measurement::FineSteps, Measurement::WholeTravel],
-    remedy: "pitch-error compensation table",
-    variants: |data, of| {
-        let axis = of.axis;
-        let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
-        let (centre_mm, half_mm) = (0.5 * (low + high), 0.5 * (high - low));
-        let mut shapes = polynomials(data, axis, axis, &TABLE);
-        let targets = &data.looked_at[axis.slot()][axis.slot()];
-        if (4..FEW).contains(&targets.len()) {
-            shapes.push(PositionTable { axis, targets_mm: targets.clone() }.into());
+/// Variants of `positioning`.
+pub(super) fn positioning(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
+    let (centre_mm, half_mm) = (0.5 * (low + high), 0.5 * (high - low));
+    let mut shapes = polynomials(data, axis, axis, &TABLE);
+    let targets = &data.looked_at[axis.slot()][axis.slot()];
+    if (4..FEW).contains(&targets.len()) {
+        shapes.push(PositionTable { axis, targets_mm: targets.clone() }.into());
+    }
+    // with more than one setup, other programs tell lost motion from a table: then the two stay apart
+    if data.reverses[axis.slot()] && data.one_setup {
+        for high in data.degrees(axis, Some(axis), &BOTH_WAYS) {
+            let reverses = [1, 3, high].into_iter().filter(|r| *r <= high);
+            shapes.extend(reverses.map(|reverse| Reverse { axis, high, reverse, centre_mm, half_mm }.into()));
         }
-        // with more than one setup, other programs tell lost motion from a table: then the two stay apart
-        if data.reverses[axis.slot()] && data.one_setup {
-            for high in data.degrees(axis, Some(axis), &BOTH_WAYS) {
-                let reverses = [1, 3, high].into_iter().filter(|r| *r <= high);
-                shapes.extend(
-                    reverses.map(|reverse| Reverse { axis, high, reverse, centre_mm, half_mm }.into()),
-                );
-            }
-        }
-        data.structural(shapes)
-    },
-};
+    }
+    data.structural(shapes)
+}
 
-/// What is known of it across an axis.
-pub(crate) static STRAIGHTNESS: Effect = Effect {
-    name: "straightness",
-    title: "straightness error {}",
-    synonyms: "eyx ezx exy ezy exz eyz guideway",
-    kind: Kind::Machine,
-    subjects: Subjects::Straightness,
-    cause: "Guideways are not straight.",
-    formula: "d_b = SUM c_k P_k(x_a), degree 2 and up",
-    looks_like: "A curve across the axis over its position, alike in both directions.",
-    confused_with: "an angular error times a lever; sag",
-    settles: "A second line at another lever.",
-    changes_with: &[Measurement::WholeTravel],
-    remedy: "align the guideway, or compensate the error motion",
-    variants: |data, of| data.structural(polynomials(data, of.first, of.axis, &ACROSS)),
-};
+/// Variants of `straightness`.
+pub(super) fn straightness(data: &Data, of: &Subject) -> Variants {
+    data.structural(polynomials(data, of.first, of.axis, &ACROSS))
+}
 
 /// Curves without and then with slopes of their own: the line from which a curve is counted is a choice.
 fn polynomials(data: &Data, along: Axis, over: Axis, degrees: &[usize]) -> Vec<Shape> {

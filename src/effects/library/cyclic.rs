@@ -16,42 +16,28 @@ const LONGEST: f64 = 0.8;
 /// A pitch is known to a small part of a period over the travel: its share of a step of refinement.
 const PITCH_STEP: f64 = 0.04;
 
-/// What is known of it.
-pub(crate) static CYCLIC: Effect = Effect {
-    name: "cyclic",
-    title: "periodic error of {}",
-    synonyms: "screw-pitch encoder-subdivision periodic",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "Run-out of a screw, or interpolation error of an encoder.",
-    formula: "d_a = SUM c_n cos(2 pi n x/p) + s_n sin(2 pi n x/p)",
-    looks_like: "A wave over the position with the pitch of screw or grating.",
-    confused_with: "a table of positions where the steps are coarse: the wave is aliased",
-    settles: "A short line with steps below a tenth of the pitch, not equal.",
-    changes_with: &[Measurement::FineSteps],
-    remedy: "align coupling, screw bearing or encoder; periodic compensation",
-    variants: |data, of| {
-        let axis = of.axis;
-        let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
-        let mut steps: Vec<f64> = data.positions[axis.slot()].windows(2).map(|w| w[1] - w[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        // some of the positions must lie close together, wherever
-        let step = steps.get(FINE_STEPS).copied().unwrap_or(f64::INFINITY);
-        let seen = |p: &f64| *p < LONGEST * 0.5 * (high - low) && *p > 4.0 * step;
-        let mut pitches = [&PITCHES[..], &MODULES.map(|m| m * PI)].concat();
-        pitches.sort_by(f64::total_cmp);
-        let shapes: Vec<Shape> = pitches
-            .into_iter()
-            .filter(seen)
-            .flat_map(|p| [(p, 1), (p, 2)])
-            .map(|(pitch_mm, harmonics)| Cyclic { axis, along: axis, pitch_mm, harmonics }.into())
-            .collect();
-        if shapes.is_empty() {
-            return Err("positions are too far apart for a screw's pitch".into());
-        }
-        Ok(shapes)
-    },
-};
+/// Variants of `cyclic`.
+pub(super) fn cyclic(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
+    let mut steps: Vec<f64> = data.positions[axis.slot()].windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    // some of the positions must lie close together, wherever
+    let step = steps.get(FINE_STEPS).copied().unwrap_or(f64::INFINITY);
+    let seen = |p: &f64| *p < LONGEST * 0.5 * (high - low) && *p > 4.0 * step;
+    let mut pitches = [&PITCHES[..], &MODULES.map(|m| m * PI)].concat();
+    pitches.sort_by(f64::total_cmp);
+    let shapes: Vec<Shape> = pitches
+        .into_iter()
+        .filter(seen)
+        .flat_map(|p| [(p, 1), (p, 2)])
+        .map(|(pitch_mm, harmonics)| Cyclic { axis, along: axis, pitch_mm, harmonics }.into())
+        .collect();
+    if shapes.is_empty() {
+        return Err("positions are too far apart for a screw's pitch".into());
+    }
+    Ok(shapes)
+}
 
 /// `SUM c_n cos(2 pi n x/pitch) - c_n + s_n sin(2 pi n x/pitch)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -16,75 +16,46 @@ const PAIRS_S: [[f64; 2]; 5] =
     [[120.0, 1200.0], [300.0, 2400.0], [600.0, 5400.0], [1200.0, 9000.0], [2400.0, 14400.0]];
 const STRUCTURE_S: [f64; 6] = [0.0, 600.0, 1200.0, 2400.0, 5400.0, 14400.0];
 
-/// What is known of that of the spindle.
-pub(crate) static SPINDLE_GROWTH: Effect = Effect {
-    name: "spindle-growth",
-    title: "thermal displacement of the spindle",
-    synonyms: "spindle thermal-growth",
-    kind: Kind::Machine,
-    subjects: Subjects::Whole,
-    cause: "Heat of the spindle lengthens it and tilts its head.",
-    formula: "d = SUM k_i s_i, tau_i s_i' + s_i = speed^p",
-    looks_like: "Drift that follows the speed of the spindle with a lag; recovers when it stops.",
-    confused_with: "drift of the instrument, seating of the tool, ambient drift",
-    settles: "Spindle on, off, on at one speed with probes at the tool (ISO 230-3), twice.",
-    changes_with: &[Measurement::ColdAndWarm, Measurement::Spindle],
-    remedy: "warm-up cycle, spindle cooling, thermal compensation",
-    variants: |data, _| {
-        if !data.spindle_runs() {
-            return Err(Hidden::unrecorded("no speed of the spindle is logged, or it does not change"));
-        }
-        let ways =
-            [vec![Axis::Z], vec![Axis::Y], vec![Axis::X], vec![Axis::Y, Axis::Z], Axis::LINEAR.to_vec()];
-        let seen = ways.iter().filter(|w| w.iter().all(|a| data.sees[a.slot()]));
-        let shape = |along: &[Axis], taus_s: &[f64], power| {
-            let signal = |tau_s: &f64| Signal { power, ..Signal::of(Source::Spindle, *tau_s) };
-            let signals = taus_s.iter().map(signal).collect();
-            Growth { signals, along: along.to_vec(), reference: 0.0 }.into()
-        };
-        let mut shapes = Vec::new();
-        for (along, power) in seen.clone().flat_map(|along| POWERS.map(|power| (along, power))) {
-            shapes.extend(SPINDLE_S.map(|t| shape(along, &[t], power)));
-            shapes.extend(PAIRS_S.map(|pair| shape(along, &pair, power)));
-        }
-        for (source, reference) in data.temperatures().filter(|(s, _)| is_spindle(s)) {
-            let signals = vec![Signal::of(source.clone(), 0.0)];
-            let of = |along: &Vec<Axis>| Growth { signals: signals.clone(), along: along.clone(), reference };
-            shapes.extend(seen.clone().map(|along| of(along).into()));
-        }
-        data.structural(shapes)
-    },
-};
+/// Variants of `spindle-growth`.
+pub(super) fn spindle_growth(data: &Data, _: &Subject) -> Variants {
+    if !data.spindle_runs() {
+        return Err(Hidden::unrecorded("no speed of the spindle is logged, or it does not change"));
+    }
+    let ways = [vec![Axis::Z], vec![Axis::Y], vec![Axis::X], vec![Axis::Y, Axis::Z], Axis::LINEAR.to_vec()];
+    let seen = ways.iter().filter(|w| w.iter().all(|a| data.sees[a.slot()]));
+    let shape = |along: &[Axis], taus_s: &[f64], power| {
+        let signal = |tau_s: &f64| Signal { power, ..Signal::of(Source::Spindle, *tau_s) };
+        let signals = taus_s.iter().map(signal).collect();
+        Growth { signals, along: along.to_vec(), reference: 0.0 }.into()
+    };
+    let mut shapes = Vec::new();
+    for (along, power) in seen.clone().flat_map(|along| POWERS.map(|power| (along, power))) {
+        shapes.extend(SPINDLE_S.map(|t| shape(along, &[t], power)));
+        shapes.extend(PAIRS_S.map(|pair| shape(along, &pair, power)));
+    }
+    for (source, reference) in data.temperatures().filter(|(s, _)| is_spindle(s)) {
+        let signals = vec![Signal::of(source.clone(), 0.0)];
+        let of = |along: &Vec<Axis>| Growth { signals: signals.clone(), along: along.clone(), reference };
+        shapes.extend(seen.clone().map(|along| of(along).into()));
+    }
+    data.structural(shapes)
+}
 
-/// What is known of that of the structure.
-pub(crate) static AMBIENT_DRIFT: Effect = Effect {
-    name: "ambient-drift",
-    title: "thermal drift of the structure",
-    synonyms: "ambient structure-drift",
-    kind: Kind::Machine,
-    subjects: Subjects::Whole,
-    cause: "The structure follows the temperature of the hall.",
-    formula: "d = k lag_tau(T)",
-    looks_like: "Slow drift of all positions alike that follows the air with a lag of hours.",
-    confused_with: "the instrument's own drift: most of it is absorbed by the setup",
-    settles: "A day of readings at one point with a log of the air, and a reference beside the probe.",
-    changes_with: &[Measurement::ColdAndWarm],
-    remedy: "stabilise the ambient temperature; datum again before precise work",
-    variants: |data, _| {
-        let along: Vec<Axis> = Axis::LINEAR.into_iter().filter(|a| data.sees[a.slot()]).collect();
-        let mut shapes = Vec::new();
-        for (source, reference) in data.temperatures().filter(|(s, _)| !is_spindle(s)) {
-            shapes.extend(STRUCTURE_S.map(|tau_s| {
-                let signals = vec![Signal::of(source.clone(), tau_s)];
-                Growth { signals, along: along.clone(), reference }.into()
-            }));
-        }
-        if shapes.is_empty() {
-            return Err(Hidden::unrecorded("no temperature that changes by 0.2 K is logged"));
-        }
-        data.structural(shapes)
-    },
-};
+/// Variants of `ambient-drift`.
+pub(super) fn ambient_drift(data: &Data, _: &Subject) -> Variants {
+    let along: Vec<Axis> = Axis::LINEAR.into_iter().filter(|a| data.sees[a.slot()]).collect();
+    let mut shapes = Vec::new();
+    for (source, reference) in data.temperatures().filter(|(s, _)| !is_spindle(s)) {
+        shapes.extend(STRUCTURE_S.map(|tau_s| {
+            let signals = vec![Signal::of(source.clone(), tau_s)];
+            Growth { signals, along: along.clone(), reference }.into()
+        }));
+    }
+    if shapes.is_empty() {
+        return Err(Hidden::unrecorded("no temperature that changes by 0.2 K is logged"));
+    }
+    data.structural(shapes)
+}
 
 /// `d = SUM k_i (s_i - s_0)` along the directions listed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -4,41 +4,27 @@ use crate::data::{Hidden, is_spindle};
 use crate::extend::expansion;
 use crate::prelude::*;
 
-/// What is known of it.
-pub(crate) static THERMAL_EXPANSION: Effect = Effect {
-    name: "thermal-expansion",
-    title: "thermal expansion of {}",
-    synonyms: "thermal expansion",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "Screw or scale longer than at the reference temperature.",
-    formula: "d_a = alpha (T - T0) x_a, and k (T - T0)",
-    looks_like: "Scale error proportional to a temperature.",
-    confused_with: "scale, where the temperature did not change; drift of the surroundings",
-    settles: "The same line cold and warm, at least 3 K apart, with a sensor on the scale.",
-    changes_with: &[Measurement::ColdAndWarm],
-    remedy: "temperature sensor on the scale with thermal compensation; warm-up",
-    variants: |data, of| {
-        let axis = of.axis;
-        if data.range[axis.slot()].is_none() {
-            return Ok(Vec::new());
-        }
-        // the spindle's own temperature says nothing of a scale where others are logged
-        let others = data.temperatures().any(|(s, _)| !is_spindle(s));
-        let mut shapes = Vec::new();
-        for (source, first) in data.temperatures().filter(|(s, _)| !others || !is_spindle(s)) {
-            let signal = Signal::of(source.clone(), 0.0);
-            let kinds = [(REFERENCE_DEGC, false), (first, false), (REFERENCE_DEGC, true)];
-            shapes.extend(kinds.map(|(reference_degc, with_offset)| {
-                Thermal { axis, signal: signal.clone(), reference_degc, with_offset }.into()
-            }));
-        }
-        if shapes.is_empty() {
-            return Err(Hidden::unrecorded("no temperature that changes by 0.2 K is logged"));
-        }
-        data.structural(shapes)
-    },
-};
+/// Variants of `thermal-expansion`.
+pub(super) fn thermal_expansion(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if data.range[axis.slot()].is_none() {
+        return Ok(Vec::new());
+    }
+    // the spindle's own temperature says nothing of a scale where others are logged
+    let others = data.temperatures().any(|(s, _)| !is_spindle(s));
+    let mut shapes = Vec::new();
+    for (source, first) in data.temperatures().filter(|(s, _)| !others || !is_spindle(s)) {
+        let signal = Signal::of(source.clone(), 0.0);
+        let kinds = [(REFERENCE_DEGC, false), (first, false), (REFERENCE_DEGC, true)];
+        shapes.extend(kinds.map(|(reference_degc, with_offset)| {
+            Thermal { axis, signal: signal.clone(), reference_degc, with_offset }.into()
+        }));
+    }
+    if shapes.is_empty() {
+        return Err(Hidden::unrecorded("no temperature that changes by 0.2 K is logged"));
+    }
+    data.structural(shapes)
+}
 
 /// `d_a = alpha (T - T0) x_a`, and `k (T - T0)` where the reference is not at zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -18,40 +18,26 @@ const PEAK_MIN_S: f64 = 0.005;
 /// Speed from which kinetic friction has about its full size, mm/s.
 const CREEP_MM_PER_S: f64 = 0.1;
 
-/// What is known of it.
-pub(crate) static REVERSAL_SPIKE: Effect = Effect {
-    name: "reversal-spike",
-    title: "reversal spike of {}",
-    synonyms: "friction quadrant-glitch stick",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "Friction holds the axis a moment after it turns round.",
-    formula: "d_a = h dir (exp(-t/t1) - exp(-t/t2))",
-    looks_like: "Short peaks at the quadrants of circles; none at rest.",
-    confused_with: "backlash, servo lag",
-    settles: "Fast sampled circles at two feeds, and reversals at rest.",
-    changes_with: &[Measurement::Points],
-    remedy: "friction compensation of the drive; lubrication of the guideway",
-    variants: |data, of| {
-        let axis = of.axis;
-        if data.moved(axis)?.is_none() {
-            return Ok(Vec::new());
-        }
-        if !data.reverses[axis.slot()] {
-            return Err("the axis is measured in one direction only".into());
-        }
-        if !data.moves[axis.slot()] {
-            return Err("no readings while the axis moves".into());
-        }
-        let grid = FALLS.into_iter().flat_map(|fall_s| RISES.map(|share| (fall_s, share * fall_s)));
-        let shape = |(fall_s, rise_s): (f64, f64)| {
-            Spike { axis, rise_s: rise_s.max(RISE_MIN_S), fall_s, slope: false }.into()
-        };
-        // a following error keeps what friction costs for as long as the axis moves
-        let kept = data.encoders_only.then(|| Friction { axis }.into());
-        Ok(grid.map(shape).chain(kept).collect())
-    },
-};
+/// Variants of `reversal-spike`.
+pub(super) fn reversal_spike(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if data.moved(axis)?.is_none() {
+        return Ok(Vec::new());
+    }
+    if !data.reverses[axis.slot()] {
+        return Err("the axis is measured in one direction only".into());
+    }
+    if !data.moves[axis.slot()] {
+        return Err("no readings while the axis moves".into());
+    }
+    let grid = FALLS.into_iter().flat_map(|fall_s| RISES.map(|share| (fall_s, share * fall_s)));
+    let shape = |(fall_s, rise_s): (f64, f64)| {
+        Spike { axis, rise_s: rise_s.max(RISE_MIN_S), fall_s, slope: false }.into()
+    };
+    // a following error keeps what friction costs for as long as the axis moves
+    let kept = data.encoders_only.then(|| Friction { axis }.into());
+    Ok(grid.map(shape).chain(kept).collect())
+}
 
 /// `d_a = h dir (exp(-t/fall) - exp(-t/rise))` while the axis moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -10,66 +10,33 @@ const PIVOT_MAX: f64 = 0.5;
 /// mm/s^2 per m/s^2, and mm per m.
 const PER_M: f64 = 1e-3;
 
-/// What is known of it along an axis.
-pub(crate) static INERTIAL: Effect = Effect {
-    name: "inertial",
-    title: "compliance of {} under acceleration",
-    synonyms: "inertial-deflection acceleration",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "The structure gives way under acceleration.",
-    formula: "d_a = k a_a (1 + g x)",
-    looks_like: "Circles shrink or grow with the square of the feed.",
-    confused_with: "scale, where circles have one feed; inertial pitch, where one lever was used",
-    settles: "Circles at two feeds of a ratio of 3 or more; one move at two levers.",
-    changes_with: &[Measurement::Circles, Measurement::Points],
-    remedy: "lower acceleration and jerk; stiffen the drive; acceleration feed-forward",
-    variants: |data, of| {
-        let axis = of.axis;
-        let shape = |slope| Inertial { axis, along: axis, slope }.into();
-        data.structural(if accelerates(data, axis)? { [false, true].map(shape).into() } else { Vec::new() })
-    },
-};
+/// Variants of `inertial`.
+pub(super) fn inertial(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    let shape = |slope| Inertial { axis, along: axis, slope }.into();
+    data.structural(if accelerates(data, axis)? { [false, true].map(shape).into() } else { Vec::new() })
+}
 
-/// What is known of it across an axis.
-pub(crate) static INERTIAL_CROSS: Effect = Effect {
-    name: "inertial-cross",
-    title: "tilt under acceleration of {}",
-    synonyms: "inertial-pitch cross-talk",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "Acceleration tilts the structure or moves another axis.",
-    formula: "d = k a_a (e x lever), d_b = k a_a",
-    looks_like: "Errors under acceleration that depend on where the other axes stand.",
-    confused_with: "inertial of the same axis",
-    settles: "The same accelerated move at three positions of the other axes.",
-    changes_with: &[
-        Measurement::Circles,
-        Measurement::Points,
-        Measurement::TwoTools,
-        Measurement::SecondPlace,
-    ],
-    remedy: "lower acceleration and jerk; stiffen the structure",
-    variants: |data, of| {
-        let axis = of.axis;
-        if !accelerates(data, axis)? {
-            return Ok(Vec::new());
-        }
-        let others = axis.others();
-        // a tilt of the structure turns whatever the travels are, so all of them are levers; or the carriage itself
-        // turns, and only what lies behind it is a lever
-        let carriage = data.lever(axis);
-        let mut levers = vec![Lever { axes: [true; 3], ..carriage }, carriage];
-        levers.dedup();
-        let mut shapes: Vec<Shape> = Vec::new();
-        for lever in levers {
-            let ways = others.iter().map(|a| vec![*a]).chain([others.clone()]);
-            shapes.extend(ways.map(|about| InertialTilt { axis, about, lever }.into()));
-        }
-        shapes.extend(others.iter().map(|along| Inertial { axis, along: *along, slope: false }.into()));
-        data.structural(shapes)
-    },
-};
+/// Variants of `inertial-cross`.
+pub(super) fn inertial_cross(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if !accelerates(data, axis)? {
+        return Ok(Vec::new());
+    }
+    let others = axis.others();
+    // a tilt of the structure turns whatever the travels are, so all of them are levers; or the carriage itself
+    // turns, and only what lies behind it is a lever
+    let carriage = data.lever(axis);
+    let mut levers = vec![Lever { axes: [true; 3], ..carriage }, carriage];
+    levers.dedup();
+    let mut shapes: Vec<Shape> = Vec::new();
+    for lever in levers {
+        let ways = others.iter().map(|a| vec![*a]).chain([others.clone()]);
+        shapes.extend(ways.map(|about| InertialTilt { axis, about, lever }.into()));
+    }
+    shapes.extend(others.iter().map(|along| Inertial { axis, along: *along, slope: false }.into()));
+    data.structural(shapes)
+}
 
 fn accelerates(data: &Data, axis: Axis) -> Result<bool, crate::data::Hidden> {
     if data.moved(axis)?.is_none() {

@@ -12,92 +12,50 @@ const PER_MS: f64 = 1e-3;
 const AT_REST: &str = "no readings while the axis moves";
 const ALL_AT_REST: &str = "no readings while an axis moves";
 
-/// What is known of it for one axis.
-pub(crate) static SERVO_MISMATCH: Effect = Effect {
-    name: "servo-mismatch",
-    title: "servo lag of {}",
-    synonyms: "servo gain-mismatch following-lag",
-    kind: Kind::Machine,
-    subjects: Subjects::Axes,
-    cause: "One axis follows its command later than the others.",
-    formula: "d_a = -tau w_a, tau w_a' + u = v_a, inner u' + u = w_a",
-    looks_like: "Circles become ellipses at 45 deg that turn over with the direction and grow with the feed.",
-    confused_with: "squareness, where only one direction was measured; a common delay is the sum of all axes",
-    settles: "Circles in both directions at two feeds.",
-    changes_with: &[Measurement::Circles, Measurement::Points],
-    remedy: "match the velocity gains (Kv) of the axes",
-    variants: |data, of| {
-        let axis = of.axis;
-        if data.moved(axis)?.is_none() {
-            return Ok(Vec::new());
-        }
-        if !data.moves[axis.slot()] {
-            return Err(AT_REST.into());
-        }
-        let linear = || Lag::of(vec![axis]).into();
-        let rotary = data.frame(axis).filter(|_| !axis.is_linear());
-        Ok(vec![rotary.map_or_else(linear, |frame| RotaryLag { frame }.into())])
-    },
-};
+/// Variants of `servo-mismatch`.
+pub(super) fn servo_mismatch(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if data.moved(axis)?.is_none() {
+        return Ok(Vec::new());
+    }
+    if !data.moves[axis.slot()] {
+        return Err(AT_REST.into());
+    }
+    let linear = || Lag::of(vec![axis]).into();
+    let rotary = data.frame(axis).filter(|_| !axis.is_linear());
+    Ok(vec![rotary.map_or_else(linear, |frame| RotaryLag { frame }.into())])
+}
 
-/// What is known of it for all axes.
-pub(crate) static LATENCY: Effect = Effect {
-    name: "latency",
-    title: "latency between control and instrument",
-    synonyms: "delay common-delay",
-    kind: Kind::Machine,
-    subjects: Subjects::Whole,
-    cause: "All axes follow their command later by the same time.",
-    formula: "d = -tau v",
-    looks_like: "Error along the path that grows with the feed; invisible to a ballbar.",
-    confused_with: "clock skew of the instrument (exactly alike), three equal servo lags",
-    settles: "A trigger shared by control and instrument; start and stop steps.",
-    changes_with: &[Measurement::Circles, Measurement::Points],
-    remedy: "correct the time stamps; velocity feed-forward",
-    variants: |data, _| {
-        let moving: Vec<Axis> = Axis::ALL.into_iter().filter(|a| data.moves[a.slot()]).collect();
-        let axes: Vec<Axis> = moving.iter().copied().filter(|a| a.is_linear()).collect();
-        match moving[..] {
-            [] => Err(ALL_AT_REST.into()),
-            _ if !axes.is_empty() => Ok(vec![Lag::of(axes).into()]),
-            // alone in motion, a rotary axis that lags is confounded with a delay of all axes
-            [axis] => Ok(data.frame(axis).map(|frame| RotaryLag { frame }.into()).into_iter().collect()),
-            _ => Ok(Vec::new()),
-        }
-    },
-};
+/// Variants of `latency`.
+pub(super) fn latency(data: &Data, _: &Subject) -> Variants {
+    let moving: Vec<Axis> = Axis::ALL.into_iter().filter(|a| data.moves[a.slot()]).collect();
+    let axes: Vec<Axis> = moving.iter().copied().filter(|a| a.is_linear()).collect();
+    match moving[..] {
+        [] => Err(ALL_AT_REST.into()),
+        _ if !axes.is_empty() => Ok(vec![Lag::of(axes).into()]),
+        // alone in motion, a rotary axis that lags is confounded with a delay of all axes
+        [axis] => Ok(data.frame(axis).map(|frame| RotaryLag { frame }.into()).into_iter().collect()),
+        _ => Ok(Vec::new()),
+    }
+}
 
-/// What is known of it for the clock of the instrument.
-pub(crate) static CLOCK_SKEW: Effect = Effect {
-    name: "clock-skew",
-    title: "clock offset between control and instrument",
-    synonyms: "clock clock-offset",
-    kind: Kind::Instrument,
-    subjects: Subjects::Whole,
-    cause: "The instrument's clock is offset from the control's, or runs at another rate.",
-    formula: "d = -v (d + r t) per file",
-    looks_like: "As latency, but other in every file, or growing with time.",
-    confused_with: "latency",
-    settles: "A shared trigger, or a start and stop step at both ends of every file.",
-    changes_with: &[Measurement::Circles, Measurement::Points, Measurement::StartAndStop],
-    remedy: "one trigger for control and instrument",
-    variants: |data, _| {
-        if !data.moves.contains(&true) {
-            return Err(ALL_AT_REST.into());
-        }
-        let clocks = &data.clocks;
-        if clocks.is_empty() || clocks.len() > CLOCKS_MAX {
-            return Ok(Vec::new());
-        }
-        let shape = |drift| ClockSkew {
-            files: clocks.iter().map(|c| c.0).collect(),
-            start_s: clocks.iter().map(|c| c.1).collect(),
-            span_s: clocks.iter().map(|c| c.2).collect(),
-            drift,
-        };
-        Ok([false, true].map(|drift| shape(drift).into()).into())
-    },
-};
+/// Variants of `clock-skew`.
+pub(super) fn clock_skew(data: &Data, _: &Subject) -> Variants {
+    if !data.moves.contains(&true) {
+        return Err(ALL_AT_REST.into());
+    }
+    let clocks = &data.clocks;
+    if clocks.is_empty() || clocks.len() > CLOCKS_MAX {
+        return Ok(Vec::new());
+    }
+    let shape = |drift| ClockSkew {
+        files: clocks.iter().map(|c| c.0).collect(),
+        start_s: clocks.iter().map(|c| c.1).collect(),
+        span_s: clocks.iter().map(|c| c.2).collect(),
+        drift,
+    };
+    Ok([false, true].map(|drift| shape(drift).into()).into())
+}
 
 /// `d_a = -tau v_a + tau tie a_a` for every axis listed; behind a position loop `d_a = -tau w_a`, where `w_a` is the commanded
 /// velocity behind the loop (`tau w' + u = v`, `inner u' + u = w`): `tau = 1 / Kv`, `inner` the lag of the velocity loop. Behind a

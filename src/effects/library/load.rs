@@ -6,29 +6,15 @@ use crate::prelude::*;
 /// Powers of the force: a spring, and one that stiffens.
 const POWERS: [f64; 2] = [1.0, 0.8];
 
-/// What is known of it.
-pub(crate) static LOAD: Effect = Effect {
-    name: "load",
-    title: "compliance of {} under load",
-    synonyms: "cutting-load clamp-load compliance",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "The structure gives way under force.",
-    formula: "d = C F, or C |F|^0.8 sign F",
-    looks_like: "Deviation that follows the force at one place.",
-    confused_with: "mass of the workpiece, heat of the cut",
-    settles: "Load and unload in steps with a load cell.",
-    changes_with: &[],
-    remedy: "stiffen the drive train; lower the load",
-    variants: |data, of| {
-        let axis = of.axis;
-        if !data.forces[axis.direction()] {
-            return Err(Hidden::unrecorded("no force is logged, or it does not change"));
-        }
-        let shapes = Axis::LINEAR.into_iter().flat_map(|along| POWERS.map(|power| (along, power)));
-        Ok(shapes.map(|(along, power)| Load { axis, along, power }.into()).collect())
-    },
-};
+/// Variants of `load`.
+pub(super) fn load(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if !data.forces[axis.direction()] {
+        return Err(Hidden::unrecorded("no force is logged, or it does not change"));
+    }
+    let shapes = Axis::LINEAR.into_iter().flat_map(|along| POWERS.map(|power| (along, power)));
+    Ok(shapes.map(|(along, power)| Load { axis, along, power }.into()).collect())
+}
 
 /// `d_along = c sign(F) |F|^power` of one axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,6 +1,7 @@
-//! The effects, a file for each family: what is known of each, its variants for the search, and the formulas of these.
+//! The effects: what is known of each in `effects.toml`, and a file for each family with their variants for the search and
+//! the formulas of these.
 //!
-//! The two lists below are the only ones: a formula stands in the first, an effect in the second.
+//! The list of formulas below and `effects.toml` are the only ones.
 
 #![expect(missing_docs, reason = "the fields of a formula are its symbols, which its first line explains")]
 
@@ -9,7 +10,6 @@ mod angular;
 mod backlash;
 mod ballbar;
 mod beam;
-mod chance;
 mod curves;
 mod cyclic;
 mod displacement;
@@ -28,8 +28,9 @@ mod wear;
 
 use serde::{Deserialize, Serialize};
 
-use crate::Effect;
+use crate::data::no_formula;
 use crate::shape::Form;
+use crate::{Effect, Kind, Measurement, Procedure, Subjects};
 
 /// The formulas as one type, tagged by their names in additions.
 macro_rules! shapes {
@@ -99,38 +100,5 @@ shapes! {
     wear::Wear,
 }
 
-/// All effects, in the order in which they are listed and searched.
-pub static EFFECTS: &[&Effect] = &[
-    &squareness::SQUARENESS,
-    &scale::SCALE,
-    &curves::POSITIONING,
-    &expansion::THERMAL_EXPANSION,
-    &displacement::SPINDLE_GROWTH,
-    &displacement::AMBIENT_DRIFT,
-    &backlash::BACKLASH,
-    &backlash::LATERAL_PLAY,
-    &friction::REVERSAL_SPIKE,
-    &cyclic::CYCLIC,
-    &lag::SERVO_MISMATCH,
-    &lag::LATENCY,
-    &lag::CLOCK_SKEW,
-    &inertia::INERTIAL,
-    &inertia::INERTIAL_CROSS,
-    &beam::SAG,
-    &curves::STRAIGHTNESS,
-    &angular::ANGULAR,
-    &tool::SPINDLE_TILT,
-    &tool::TOOL_LENGTH,
-    &air::DEAD_PATH,
-    &air::TRACKER_SCALE,
-    &ballbar::BALLBAR_LENGTH,
-    &rotary::ROTARY_LOCATION,
-    &rotary::ROTARY_MOTION,
-    &rotary::ROTARY_ECCENTRICITY,
-    &load::LOAD,
-    &wear::WEAR,
-    &chance::VIBRATION,
-    &chance::OUTLIERS,
-    &chance::QUANTISATION,
-    &chance::RANGE_NOISE,
-];
+// `EFFECTS` and `PROCEDURES`, made from effects.toml by build.rs
+include!(concat!(env!("OUT_DIR"), "/effects.rs"));

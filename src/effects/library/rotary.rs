@@ -6,78 +6,36 @@ use volcomp_model::{Component, ErrorSymbol};
 /// Harmonics of the error motion: first and last.
 const HARMONICS: [[usize; 2]; 3] = [[2, 2], [2, 3], [2, 5]];
 
-/// What is known of where the axis lies.
-pub(crate) static ROTARY_LOCATION: Effect = Effect {
-    name: "rotary-location",
-    title: "location error of axis {}",
-    synonyms: "pige xoc yoc aoc boc position-independent",
-    kind: Kind::Machine,
-    subjects: Subjects::Rotary,
-    cause: "A rotary axis is not where, or not parallel to what, the control believes.",
-    formula: "d = (I - R) o + w x q - R (w x p); of a head that is wrong with its axis: o + w x q",
-    looks_like: "First harmonic of the rotation at the ball, growing with radius and height for the tilts.",
-    confused_with: "eccentricity of the encoder; offset of the ball",
-    settles: "An R-test at three tilts or more, two radii.",
-    changes_with: &[Measurement::Turn],
-    remedy: "measure the centre of rotation again (ISO 230-7, ISO 10791-6)",
-    variants: |data, of| {
-        let Some(frame) = data.frame(of.axis) else {
-            let stands = data.axes.contains(&of.axis);
-            return if stands { Err("the axis stands still in these data".into()) } else { Ok(Vec::new()) };
-        };
-        // where the head stands at the zero of the axis either counts as right, or is wrong with the axis
-        let kinds = [false, true].into_iter().filter(|tied: &bool| !tied || !frame.workpiece_side);
-        Ok(kinds.map(|tied| RotaryLocation { frame: frame.clone(), tied }.into()).collect())
-    },
-};
+/// Variants of `rotary-location`.
+pub(super) fn rotary_location(data: &Data, of: &Subject) -> Variants {
+    let Some(frame) = data.frame(of.axis) else {
+        let stands = data.axes.contains(&of.axis);
+        return if stands { Err("the axis stands still in these data".into()) } else { Ok(Vec::new()) };
+    };
+    // where the head stands at the zero of the axis either counts as right, or is wrong with the axis
+    let kinds = [false, true].into_iter().filter(|tied: &bool| !tied || !frame.workpiece_side);
+    Ok(kinds.map(|tied| RotaryLocation { frame: frame.clone(), tied }.into()).collect())
+}
 
-/// What is known of how it shifts.
-pub(crate) static ROTARY_MOTION: Effect = Effect {
-    name: "rotary-motion",
-    title: "error motion of axis {}",
-    synonyms: "pdge wobble harmonics",
-    kind: Kind::Machine,
-    subjects: Subjects::Rotary,
-    cause: "Bearing errors: the axis shifts as it turns.",
-    formula: "d = SUM c_n (cos n q - 1) + s_n sin n q, n = 2 .., turned with what the axis stands on",
-    looks_like: "Harmonics above the first.",
-    confused_with: "form of the ball; aliased vibration where steps are even",
-    settles: "Shift the ball; turn in uneven steps.",
-    changes_with: &[],
-    remedy: "adjust or renew the bearing; compensate the error motion",
-    variants: |data, of| {
-        let axis = of.axis;
-        let Some(frame) = data.frame(axis) else { return Ok(Vec::new()) };
-        // what stands on another rotary axis turns with it
-        let frame = Some(frame).filter(|f| !f.outer.is_empty());
-        let ways = [vec![Axis::X], vec![Axis::Y], vec![Axis::Z], Axis::LINEAR.to_vec()];
-        let all = ways.iter().flat_map(|along| HARMONICS.map(|h| (along.clone(), h)));
-        let shape = |(along, [low, high]): (Vec<Axis>, [usize; 2])| {
-            RotaryMotion { axis, along, low, high, frame: frame.clone() }.into()
-        };
-        Ok(all.map(shape).collect())
-    },
-};
+/// Variants of `rotary-motion`.
+pub(super) fn rotary_motion(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    let Some(frame) = data.frame(axis) else { return Ok(Vec::new()) };
+    // what stands on another rotary axis turns with it
+    let frame = Some(frame).filter(|f| !f.outer.is_empty());
+    let ways = [vec![Axis::X], vec![Axis::Y], vec![Axis::Z], Axis::LINEAR.to_vec()];
+    let all = ways.iter().flat_map(|along| HARMONICS.map(|h| (along.clone(), h)));
+    let shape = |(along, [low, high]): (Vec<Axis>, [usize; 2])| {
+        RotaryMotion { axis, along, low, high, frame: frame.clone() }.into()
+    };
+    Ok(all.map(shape).collect())
+}
 
-/// What is known of how it turns.
-pub(crate) static ROTARY_ECCENTRICITY: Effect = Effect {
-    name: "rotary-eccentricity",
-    title: "angular positioning error of axis {}",
-    synonyms: "encoder-eccentricity exactness",
-    kind: Kind::Machine,
-    subjects: Subjects::Rotary,
-    cause: "The scale of a rotary axis is mounted off centre.",
-    formula: "d = SUM (c_n (cos n q - 1) + s_n sin n q) e x r, n = 1, 2",
-    looks_like: "Tangential first harmonic that grows with the radius.",
-    confused_with: "location and motion errors of the axis together",
-    settles: "Two radii.",
-    changes_with: &[Measurement::Turn],
-    remedy: "centre the encoder ring; angular compensation table",
-    variants: |data, of| {
-        let Some(frame) = data.frame(of.axis) else { return Ok(Vec::new()) };
-        Ok([1, 2].map(|harmonics| RotaryEccentricity { frame: frame.clone(), harmonics }.into()).into())
-    },
-};
+/// Variants of `rotary-eccentricity`.
+pub(super) fn rotary_eccentricity(data: &Data, of: &Subject) -> Variants {
+    let Some(frame) = data.frame(of.axis) else { return Ok(Vec::new()) };
+    Ok([1, 2].map(|harmonics| RotaryEccentricity { frame: frame.clone(), harmonics }.into()).into())
+}
 
 /// Two shifts and two tilts of a rotary axis; no deviation at zero.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -2,29 +2,15 @@
 
 use crate::prelude::*;
 
-/// What is known of it.
-pub(crate) static SCALE: Effect = Effect {
-    name: "scale",
-    title: "scale error of {}",
-    synonyms: "positioning-scale linear-error pitch-error-linear",
-    kind: Kind::Machine,
-    subjects: Subjects::Axes,
-    cause: "Linear error of the scale or screw; wrong scale factor, or one temperature off 20 degC.",
-    formula: "d_a = s x_a",
-    looks_like: "Deviation grows with the coordinate, alike in both directions and at every feed.",
-    confused_with: "thermal expansion at one temperature, compliance under acceleration on circles of one feed, refraction of a laser",
-    settles: "A laser line at rest, repeated on a warm machine; circles at two feeds.",
-    changes_with: &[],
-    remedy: "correct the scale factor of the encoder or screw",
-    variants: |data, of| {
-        let axis = of.axis;
-        if axis.is_linear() {
-            let moved = data.moved(axis)?;
-            return data.structural(moved.map(|_| Scale { axis }.into()).into_iter().collect());
-        }
-        Ok(data.frame(axis).map(|frame| RotaryScale { frame }.into()).into_iter().collect())
-    },
-};
+/// Variants of `scale`.
+pub(super) fn scale(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    if axis.is_linear() {
+        let moved = data.moved(axis)?;
+        return data.structural(moved.map(|_| Scale { axis }.into()).into_iter().collect());
+    }
+    Ok(data.frame(axis).map(|frame| RotaryScale { frame }.into()).into_iter().collect())
+}
 
 /// `d_a = s x_a`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -2,32 +2,15 @@
 
 use crate::prelude::*;
 
-/// What is known of it.
-pub(crate) static SQUARENESS: Effect = Effect {
-    name: "squareness",
-    title: "squareness error of {}",
-    synonyms: "ec0y eb0z ea0z perpendicularity",
-    kind: Kind::Machine,
-    subjects: Subjects::Pairs,
-    cause: "Two axes are not square: foundation, alignment, a crash.",
-    formula: "d_x = angle y (pairs xy, yz, zx); ISO 230-1: EC0Y = -angle, EA0Z = -angle, EB0Z = angle",
-    looks_like: "A circle becomes an ellipse at 45 deg that is the same in both directions and at every feed; body diagonals differ in length.",
-    confused_with: "a linear angular error (until a second tool length or lever is used), a straightness, a rotation of a tracker's frame",
-    settles: "A circle in the plane of the pair in both directions, or the four face diagonals.",
-    changes_with: &[Measurement::SecondPlace],
-    remedy: "align the guideways, or compensate the axis-to-axis error",
-    variants: |data, of| {
-        if [of.first, of.axis].iter().any(|a| data.range[a.slot()].is_none()) {
-            return Err("both axes must move".into());
-        }
-        // the angle of the later axis of the pair: of Y against X, of Z against Y, of Z against X
-        let (along, over) = if of.first == Axis::Z { (of.axis, of.first) } else { (of.first, of.axis) };
-        data.structural(vec![
-            Squareness { along, over }.into(),
-            Squareness { along: over, over: along }.into(),
-        ])
-    },
-};
+/// Variants of `squareness`.
+pub(super) fn squareness(data: &Data, of: &Subject) -> Variants {
+    if [of.first, of.axis].iter().any(|a| data.range[a.slot()].is_none()) {
+        return Err("both axes must move".into());
+    }
+    // the angle of the later axis of the pair: of Y against X, of Z against Y, of Z against X
+    let (along, over) = if of.first == Axis::Z { (of.axis, of.first) } else { (of.first, of.axis) };
+    data.structural(vec![Squareness { along, over }.into(), Squareness { along: over, over: along }.into()])
+}
 
 /// The symbol of ISO 230-1 of a pair, and the sign by which its value follows from `angle_arcsec`: a right angle that is too wide
 /// is a positive EC0Y or EA0Z and a negative EB0Z. `None` for what is no pair.

@@ -4,39 +4,15 @@ use crate::extend::tool;
 use crate::prelude::*;
 use volcomp_model::ToolErrors;
 
-/// What is known of the tilt of the spindle.
-pub(crate) static SPINDLE_TILT: Effect = Effect {
-    name: "spindle-tilt",
-    title: "tilt of the spindle",
-    synonyms: "abbe bryan head-tilt",
-    kind: Kind::Machine,
-    subjects: Subjects::Whole,
-    cause: "The spindle is not parallel to its axis.",
-    formula: "d = (b L, -a L)",
-    looks_like: "A sideways shift proportional to the tool length.",
-    confused_with: "the offset of a new setup",
-    settles: "Two tool lengths, alternately, in one setup.",
-    changes_with: &[Measurement::TwoTools],
-    remedy: "tram the spindle head",
-    variants: |data, _| of_lengths(data, SpindleTilt {}.into()),
-};
+/// Variants of `spindle-tilt`.
+pub(super) fn spindle_tilt(data: &Data, _: &Subject) -> Variants {
+    of_lengths(data, SpindleTilt {}.into())
+}
 
-/// What is known of wrong tool lengths.
-pub(crate) static TOOL_LENGTH: Effect = Effect {
-    name: "tool-length",
-    title: "tool length error",
-    synonyms: "tool-length-scale",
-    kind: Kind::Machine,
-    subjects: Subjects::Whole,
-    cause: "Lengths of tools are measured wrong in proportion.",
-    formula: "d_z = c L",
-    looks_like: "A shift along the spindle proportional to the tool length.",
-    confused_with: "the offset of a new setup",
-    settles: "Three tool lengths in one setup.",
-    changes_with: &[Measurement::TwoTools],
-    remedy: "calibrate the tool setter",
-    variants: |data, _| of_lengths(data, ToolLength {}.into()),
-};
+/// Variants of `tool-length`.
+pub(super) fn tool_length(data: &Data, _: &Subject) -> Variants {
+    of_lengths(data, ToolLength {}.into())
+}
 
 fn of_lengths(data: &Data, shape: Shape) -> Variants {
     if data.tools || data.head() && data.lengths {

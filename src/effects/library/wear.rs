@@ -21,39 +21,24 @@ const ORDERS: [f64; 2] = [0.5, 8.0];
 /// Half the width at half the depth, as a share of the travel: wider it is a table, narrower a wave.
 const WIDTH_RANGE: [f64; 2] = [0.026, 0.142];
 
-/// What is known of it.
-pub(crate) static WEAR: Effect = Effect {
-    name: "wear",
-    title: "local wear of {}",
-    synonyms: "bump local-wear",
-    kind: Kind::Machine,
-    subjects: Subjects::Linear,
-    cause: "A worn place of guide or screw.",
-    formula: "d_a = h (1 - |(x - c)/w|^p/(2 n))^n; p = 2 for a bell, more for a flat bottom; n: how it ends",
-    looks_like: "A local hill or hollow at one place of an axis.",
-    confused_with: "a positioning table (same correction, another name)",
-    settles: "A fine line over the place.",
-    changes_with: &[Measurement::FineSteps],
-    remedy: "renew the worn part; compensate the position table meanwhile",
-    variants: |data, of| {
-        let axis = of.axis;
-        let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
-        let (span, different) = (high - low, data.positions[axis.slot()].len());
-        if different < POSITIONS_MIN {
-            return Err(format!("fewer than {POSITIONS_MIN} positions").into());
+/// Variants of `wear`.
+pub(super) fn wear(data: &Data, of: &Subject) -> Variants {
+    let axis = of.axis;
+    let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
+    let (span, different) = (high - low, data.positions[axis.slot()].len());
+    if different < POSITIONS_MIN {
+        return Err(format!("fewer than {POSITIONS_MIN} positions").into());
+    }
+    let mut shapes = Vec::new();
+    for width in WIDTHS.into_iter().filter(|w| w * different as f64 >= IN_WIDTH_MIN) {
+        let count = (DENSITY / width).round() as usize;
+        for k in 0..=count {
+            let centre_mm = low + span * (PLACES[0] + PLACES[1] * k as f64 / count as f64);
+            shapes.push(Wear { axis, centre_mm, width_mm: width * span, power: BELL, order: None }.into());
         }
-        let mut shapes = Vec::new();
-        for width in WIDTHS.into_iter().filter(|w| w * different as f64 >= IN_WIDTH_MIN) {
-            let count = (DENSITY / width).round() as usize;
-            for k in 0..=count {
-                let centre_mm = low + span * (PLACES[0] + PLACES[1] * k as f64 / count as f64);
-                shapes
-                    .push(Wear { axis, centre_mm, width_mm: width * span, power: BELL, order: None }.into());
-            }
-        }
-        data.structural(shapes)
-    },
-};
+    }
+    data.structural(shapes)
+}
 
 /// A worn place: `d_a = h (1 - |(x - centre)/width|^power / (2 order))^order` where that is above zero, or
 /// `h exp(-|(x - centre)/width|^power / 2)`, its limit, without an order.

@@ -21,8 +21,7 @@ use super::text::{Word, lines, rounded, words};
 use volcomp_model::chain_notation::Side;
 use volcomp_model::curve::{Curve, Grid, Interpolation, Table};
 use volcomp_model::{Chain, Component, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{deg_from_rad, rad_from_deg};
+use volcomp_units::axes::AxisName;
 
 /// Whose motion the values of a workpiece-side axis are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -307,10 +306,7 @@ impl Gathered {
 fn function(key: &[AxisName], values: &Values, sign: f64) -> Result<ErrorFunction, FormatError> {
     let line = values.values().map(|(_, line)| *line).min().unwrap_or(1);
     let fail = |kind| FormatError::at(line, 1, kind);
-    let inner = |axis: AxisName, v: i64| match axis.kind() {
-        AxisKind::Linear => unordered(v),
-        AxisKind::Rotary => rad_from_deg(unordered(v)),
-    };
+    let inner = |axis: AxisName, v: i64| axis.kind().position_in(unordered(v));
     let signed: Vec<f64> = values.values().map(|(v, _)| if sign < 0.0 { -v } else { *v }).collect();
     if signed.len() == 1 {
         return Ok(ErrorFunction::single(Curve::Constant(signed[0])));
@@ -419,10 +415,7 @@ fn block(
         }
     }
     let (at, error) = positions(motions, components, &combinations, &[way], sampling, &LIMITS)?;
-    let argument = |a: AxisName, v: f64| match a.kind() {
-        AxisKind::Linear => rounded(v, 1),
-        AxisKind::Rotary => rounded(deg_from_rad(v), 1),
-    };
+    let argument = |a: AxisName, v: f64| rounded(a.kind().position_out(v), 1);
     let header = others.iter().map(|(a, _)| a.to_string()).chain([axis.to_string()]);
     let header =
         header.chain(components.iter().map(|c| format!("E{}{axis}", c.letter()))).collect::<Vec<_>>();

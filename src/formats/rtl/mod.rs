@@ -30,7 +30,7 @@ use super::columns::date_time_ticks;
 use super::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, Travel};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// A file, section by section.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -253,7 +253,7 @@ impl Rtl {
             readings.push(Reading {
                 cycle: if all_forward { d.run } else { d.run.div_ceil(2) },
                 travel: if all_forward || !is_return(d.run) { out } else { back },
-                position: if kind == AxisKind::Rotary { rad_from_deg(*target) } else { *target },
+                position: kind.position_in(*target),
                 value: unit.to_inner(d.value),
             });
             lines.push(d.line);

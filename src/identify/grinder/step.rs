@@ -10,8 +10,7 @@ use crate::primitives::jacobi;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper};
 use volcomp_model::{ErrorSymbol, Model, ModelSpec, Pose};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::deg_from_rad;
+use volcomp_units::axes::AxisName;
 
 /// Condition number above which the motions of a position are refused (equations 5.1).
 const CONDITION_LIMIT: f64 = 1e3;
@@ -215,10 +214,7 @@ fn check_axes(chain: &Chain, measured: &Measured, request: &Request) -> Result<(
 
 /// A coordinate for a message.
 fn outside(axis: AxisName, value: f64) -> (f64, &'static str) {
-    match axis.kind() {
-        AxisKind::Linear => (value, "mm"),
-        AxisKind::Rotary => (deg_from_rad(value), "deg"),
-    }
+    (axis.kind().position_out(value), axis.kind().position_unit())
 }
 
 impl<'a> Problem<'a> {

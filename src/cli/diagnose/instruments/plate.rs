@@ -5,6 +5,7 @@ use std::path::Path;
 use super::{Measurement, Rows, along};
 use crate::input::{self, InputKind};
 use crate::numerals::counted;
+use crate::positioning_data::format_failure;
 use crate::{Failure, table};
 use volcomp_diagnose::session::Times;
 use volcomp_evaluate::PlatePoint;
@@ -16,7 +17,7 @@ const COLUMNS: &str = "t_s setup run repeat moving x_mm y_mm dir_x dir_y u_x u_y
 /// The list of a CMM with its nine columns.
 pub(super) fn cmm_list(path: &Path) -> Result<Measurement, Failure> {
     let text = input::read_text(path, InputKind::Instrument)?;
-    let plate = hole_plate::parse(&text).map_err(|e| Failure::data(path, e))?;
+    let plate = hole_plate::parse(&text).map_err(|e| format_failure(&path.display().to_string(), &e))?;
     let mut rows = Rows::new(path, COLUMNS.split(' '));
     let mut repeats = Repeats::default();
     for (i, hole) in plate.holes.iter().enumerate() {

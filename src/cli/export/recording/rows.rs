@@ -5,9 +5,9 @@ use crate::quantities::{offset_unit, position_unit};
 use volcomp_config::MachineConfig;
 use volcomp_engine::fault;
 use volcomp_protocol::record::{Change, Cycle, Entry, Item};
-use volcomp_protocol::{ControlHello, CorrectionState, MachineState, Tool};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
+use volcomp_protocol::{ControlHello, MachineState, Tool};
+use volcomp_units::axes::AxisName;
+use volcomp_units::{MonoTime, NS_PER_S};
 
 /// Kind of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -194,7 +194,7 @@ impl Rows {
         if self.axes.is_empty() {
             let deadband = |name: AxisName| {
                 let inside = self.config.as_ref()?.axes.iter().find(|a| a.name == name)?.reversal_deadband;
-                Some(if name.kind() == AxisKind::Rotary { deg_from_rad(inside) } else { inside })
+                Some(name.kind().position_out(inside))
             };
             self.axes = names
                 .iter()
@@ -268,10 +268,8 @@ impl Rows {
         }
         for (k, axis) in self.axes.iter().enumerate() {
             let (letter, unit, fine) = (axis.name.lower(), position_unit(axis.name), offset_unit(axis.name));
-            let offset = |v: f64| match axis.name.kind() {
-                AxisKind::Linear => um_from_mm(v),
-                AxisKind::Rotary => arcsec_from_rad(rad_from_deg(v)),
-            };
+            let kind = axis.name.kind();
+            let offset = |v: f64| kind.offset_out(kind.position_in(v));
             let moved = axis.motion.filter(|m| m.direction != 0);
             let bit = |bits: Option<u8>| bits.map_or(Cell::Empty, |b| Cell::flag(b >> k & 1 == 1));
             let mut add = |name: &dyn Fn() -> String, cell| put(name, Kind::Number, cell);
@@ -306,7 +304,7 @@ impl Rows {
         }
         let mut add = |name: &'static str, kind, cell| put(&|| name.to_owned(), kind, cell);
         let text = |words: Option<&'static str>| words.map_or(Cell::Empty, Cell::Text);
-        add("state", Kind::Text, text(answer.map(|a| state(a.state))));
+        add("state", Kind::Text, text(answer.map(|a| a.state.name())));
         add("cause", Kind::Text, text(answer.and_then(|a| a.change).map(cause)));
         let lag = answer.map(|a| a.lag_cycles).filter(|cycles| *cycles > 0);
         add("lag_cycles", Kind::Whole, whole(lag.map(i64::from)));
@@ -331,19 +329,6 @@ impl Rows {
 /// Name of what changed the state.
 fn cause(change: Change) -> &'static str {
     fault::Code(change.cause).entry().map_or("unknown", |entry| entry.name)
-}
-
-const fn state(state: CorrectionState) -> &'static str {
-    match state {
-        CorrectionState::Off => "off",
-        CorrectionState::Armed => "armed",
-        CorrectionState::RampingIn => "ramping-in",
-        CorrectionState::Active => "active",
-        CorrectionState::Holding => "holding",
-        CorrectionState::RampingOut => "ramping-out",
-        CorrectionState::Faulted => "faulted",
-        CorrectionState::FadingToStatic => "fading-to-static",
-    }
 }
 
 #[cfg(test)]

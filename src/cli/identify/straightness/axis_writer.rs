@@ -138,7 +138,7 @@ impl AxisWriter {
         let mut comment = fits.sources.heading(&format!("identify {}", origin.method));
         comment.push(format!(
             "axis {axis}: measured in the {} sense, straightness about the {} line",
-            name_of(measured_sense),
+            measured_sense.name(),
             self.rule.name().replace('_', "-")
         ));
         fits.write(&self.model, &comment)
@@ -169,7 +169,7 @@ impl AxisWriter {
         if others && stored != entry.sense {
             return Err(usage!(
                 "axis {axis} of the model has other error motions in the {} sense; all six share one sense: leave --store out",
-                name_of(entry.sense)
+                entry.sense.name()
             ));
         }
         Ok((measured, stored))
@@ -199,13 +199,6 @@ impl AxisWriter {
                 ),
             }
         }
-    }
-}
-
-const fn name_of(sense: Sense) -> &'static str {
-    match sense {
-        Sense::Relative => "relative",
-        Sense::Carriage => "carriage",
     }
 }
 
