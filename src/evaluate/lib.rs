@@ -11,6 +11,7 @@ pub mod circle_prediction;
 pub mod circular;
 pub mod conformity;
 pub mod diagonal;
+mod few_runs;
 pub mod gear;
 pub mod plate;
 pub mod positioning;

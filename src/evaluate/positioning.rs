@@ -212,7 +212,7 @@ impl Spread {
     }
 }
 
-fn unidirectional(spreads: &[Spread]) -> Unidirectional {
+pub(super) fn unidirectional(spreads: &[Spread]) -> Unidirectional {
     Unidirectional {
         e: range(spreads.iter().map(|p| p.mean)),
         a: accuracy(spreads.iter()),
@@ -220,7 +220,7 @@ fn unidirectional(spreads: &[Spread]) -> Unidirectional {
     }
 }
 
-fn bidirectional(forward: &[Spread], backward: &[Spread]) -> Bidirectional {
+pub(super) fn bidirectional(forward: &[Spread], backward: &[Spread]) -> Bidirectional {
     let pairs = || forward.iter().zip(backward);
     let reversal = |(f, b): (&Spread, &Spread)| f.mean - b.mean;
     Bidirectional {

@@ -3,7 +3,7 @@
 //! Two parts are kept apart. *Measurement*: what instrument, alignment, temperature and drift can do to the figure, from
 //! what the operator states. *Sampling*: what so few runs can do to it, from the readings: the variance of the means
 //! is `s^2/n`, that of the standard deviations `s^2/(2(n-1))`, carried to the figure at the targets that decide it
-//! (first order).
+//! (first order). The largest of many noisy values lies above the true one: bias and lower end follow from `few_runs`.
 //!
 //! Contributions that lie anywhere within limits are taken as rectangular. A distance over length L gets device,
 //! misalignment (`R^2/(2L)` at most, always short), material temperature and expansion; it enters E, M and A.
@@ -12,6 +12,7 @@
 //!
 //! Source: GUM (JCGM 100:2008) 4.3.7, 5.1, 6.2; kinds of contributions as in ISO/TR 230-9:2005.
 
+use super::few_runs::{self, FewRuns, Variances};
 use super::positioning::{AtTarget, Positioning, Spread};
 
 /// What is known about the measurement; everything is optional. Positions mm, deviations um (rotary: only `device`
@@ -50,8 +51,10 @@ pub struct Contribution {
 pub struct Expanded {
     /// From instrument and conditions.
     pub measurement: f64,
-    /// From the number of runs.
+    /// From the number of runs: half of the interval that holds the figure of endlessly many runs with 95 %.
     pub sampling: f64,
+    /// By how much the figure lies above the middle of that interval.
+    pub bias: f64,
 }
 
 /// Expanded uncertainties (k = 2) of the figures of a test.
@@ -150,32 +153,67 @@ impl Uncertainties {
         let measured = |with_length: bool, share: f64| {
             COVERAGE * (f64::from(u8::from(with_length)) * length + share * drift * drift).sqrt()
         };
-        let figure = |measurement: f64, variance: f64| Expanded {
-            measurement,
-            sampling: COVERAGE * variance.max(0.0).sqrt(),
-        };
-        let all: Vec<Spread> = test.targets.iter().flat_map(AtTarget::spreads).collect();
-        let both = test.both.is_some().then(|| {
+        let few = few_runs::intervals(&test.targets, variances);
+        let figure =
+            |measurement: f64, few: FewRuns| Expanded { measurement, sampling: few.half, bias: few.bias };
+        let both = few.both.map(|[b, r, e, m, a]| {
             [
-                figure(measured(false, 2.0 / n), reversal_variance(&test.targets)),
-                figure(measured(false, 2.0), repeatability_variance(&test.targets)),
-                figure(measured(true, 2.0 / n), range_variance(&all)),
-                figure(measured(true, 1.0 / n), mean_variance(&test.targets)),
-                figure(measured(true, 2.0), accuracy_variance(&all)),
+                figure(measured(false, 2.0 / n), b),
+                figure(measured(false, 2.0), r),
+                figure(measured(true, 2.0 / n), e),
+                figure(measured(true, 1.0 / n), m),
+                figure(measured(true, 2.0), a),
             ]
         });
-        let one = |side: fn(&AtTarget) -> Option<Spread>| {
-            let spreads: Vec<Spread> = test.targets.iter().filter_map(side).collect();
-            (!spreads.is_empty()).then(|| {
-                [
-                    figure(measured(true, 2.0 / n), range_variance(&spreads)),
-                    figure(measured(true, 2.0), accuracy_variance(&spreads)),
-                    figure(measured(false, 2.0), 16.0 * of_s(&largest_by(&spreads, |p| p.s))),
-                ]
-            })
+        let one = |few: [FewRuns; 3]| {
+            let [e, a, r] = few;
+            [
+                figure(measured(true, 2.0 / n), e),
+                figure(measured(true, 2.0), a),
+                figure(measured(false, 2.0), r),
+            ]
         };
-        Self { contributions, both, forward: one(|t| t.forward), backward: one(|t| t.backward) }
+        Self { contributions, both, forward: few.forward.map(one), backward: few.backward.map(one) }
     }
+}
+
+impl Expanded {
+    /// Both parts together.
+    #[must_use]
+    pub fn total(&self) -> f64 {
+        self.measurement.hypot(self.sampling)
+    }
+
+    /// The 95 % interval about a figure: `figure - bias`, plus and minus both parts; not below zero.
+    #[must_use]
+    pub fn interval(&self, figure: f64) -> [f64; 2] {
+        let (middle, half) = (figure - self.bias, self.total());
+        [(middle - half).max(0.0), middle + half]
+    }
+}
+
+/// Variances of the figures at the targets that decide them, first order.
+pub(super) fn variances(targets: &[AtTarget]) -> Variances {
+    let all: Vec<Spread> = targets.iter().flat_map(AtTarget::spreads).collect();
+    let one = |side: fn(&AtTarget) -> Option<Spread>| {
+        let spreads: Vec<Spread> = targets.iter().filter_map(side).collect();
+        (!spreads.is_empty()).then(|| {
+            let widest = largest_by(&spreads, |p| p.s);
+            [range_variance(&spreads), accuracy_variance(&spreads), 16.0 * of_s(&widest)]
+        })
+    };
+    let (forward, backward) = (one(|t| t.forward), one(|t| t.backward));
+    let both = forward.is_some() && backward.is_some();
+    let both = both.then(|| {
+        [
+            reversal_variance(targets),
+            repeatability_variance(targets),
+            range_variance(&all),
+            mean_variance(targets),
+            accuracy_variance(&all),
+        ]
+    });
+    Variances { both, forward, backward }
 }
 
 /// Variance of a mean.
@@ -270,9 +308,8 @@ mod tests {
                 sums[k][0] += v;
                 sums[k][1] += v * v;
             }
-            let u = Uncertainties::of(&p, &Conditions::default(), 500.0).both.unwrap();
-            for (f, u) in predicted.iter_mut().zip(u) {
-                *f += (0.5 * u.sampling).powi(2) / f64::from(runs);
+            for (f, variance) in predicted.iter_mut().zip(variances(&p.targets).both.unwrap()) {
+                *f += variance / f64::from(runs);
             }
         }
         let n = f64::from(runs);

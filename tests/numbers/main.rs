@@ -1,5 +1,6 @@
 //! Numbers: reference vectors, certified data, fits, identification, properties of the model.
 
+mod fit_drift;
 mod fit_real_axis;
 mod fit_thermal;
 mod fit_truth;

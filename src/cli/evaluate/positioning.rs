@@ -193,7 +193,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
             say!("ISO 230-2 of {file}: {targets}, {cycles}");
             table(p, key).print();
-            print_uncertainties(&after.uncertainties, key);
+            print_uncertainties(p, &after.uncertainties, key);
             print_start_up(&after, key);
             if old.is_some() || judged.has_verdicts() {
                 say!();
@@ -249,21 +249,22 @@ fn uncertain(u: &Uncertainties) -> Vec<(&'static str, &'static str, Expanded)> {
 /// The expanded uncertainty (k = 2) of a figure, of the measurement and of few runs together.
 pub(super) fn whole(u: &Uncertainties, key: &str) -> Option<f64> {
     let (.., e) = uncertain(u).into_iter().find(|(k, ..)| *k == key)?;
-    Some(e.measurement.hypot(e.sampling))
+    Some(e.total())
 }
 
 fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str) {
     let of = |(key, _, e): (&str, _, Expanded)| {
-        let measured = measured(u, key, &e);
-        (
-            key.to_owned(),
-            json!({format!("measurement_{unit}"): measured, format!("sampling_{unit}"): e.sampling}),
-        )
+        let figure = out.get(&format!("{key}_{unit}")).and_then(Value::as_f64);
+        let value = json!({
+            format!("measurement_{unit}"): measured(u, key, &e),
+            format!("sampling_{unit}"): e.sampling,
+            format!("sampling_bias_{unit}"): e.bias,
+            format!("interval_{unit}"): figure.map(|f| e.interval(f)),
+        });
+        (key.to_owned(), value)
     };
-    out.insert(
-        "expanded_uncertainty_k2".to_owned(),
-        Value::Object(uncertain(u).into_iter().map(of).collect()),
-    );
+    let all = uncertain(u).into_iter().map(of).collect();
+    out.insert("expanded_uncertainty_k2".to_owned(), Value::Object(all));
     let contributions = u.contributions.iter().map(|c| json!({"name": c.name, format!("std_{unit}"): c.std}));
     out.insert("contributions".to_owned(), contributions.collect());
 }
@@ -329,18 +330,23 @@ fn outliers_in_words(start_up: &StartUp) -> String {
 }
 
 /// The expanded uncertainties of the figures: of the measurement and from few runs.
-fn uncertainties(u: &Uncertainties, unit: &str) -> Table {
+fn uncertainties(p: &Positioning, u: &Uncertainties, unit: &str) -> Table {
     let rows = uncertain(u).into_iter().map(|(key, name, e)| {
         let measurement = measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
-        [name.to_owned(), measurement, format!("{:.2}", e.sampling)]
+        let figure = FIGURES.iter().find(|(k, ..)| *k == key).and_then(|(.., get)| get(p));
+        let interval = figure.map_or_else(String::new, |figure| {
+            let [low, high] = e.interval(figure);
+            format!("{low:.2} to {high:.2}")
+        });
+        [name.to_owned(), measurement, format!("{:.2}", e.sampling), interval]
     });
-    let heads = [format!(">of the measurement / {unit}"), format!(">from few runs / {unit}")];
-    Table::new(["expanded uncertainty, k = 2", &heads[0], &heads[1]]).rows(rows)
+    let heads = ["of the measurement", "from few runs", "95 % interval"].map(|h| format!(">{h} / {unit}"));
+    Table::new(["expanded uncertainty, k = 2", &heads[0], &heads[1], &heads[2]]).rows(rows)
 }
 
-fn print_uncertainties(u: &Uncertainties, unit: &str) {
+fn print_uncertainties(p: &Positioning, u: &Uncertainties, unit: &str) {
     say!();
-    uncertainties(u, unit).print();
+    uncertainties(p, u, unit).print();
     if u.contributions.is_empty() {
         say!("nothing stated about instrument, temperature and drift (--help names the options)");
     }
@@ -384,7 +390,7 @@ fn report(
     start_up_section(&mut page, after, unit);
     page.heading("Each direction");
     page::figures(unit, &judged.figures[BOTH..], before.map(|(_, old)| &old[BOTH..])).put(&mut page);
-    uncertainty_section(&mut page, &after.uncertainties, unit);
+    uncertainty_section(&mut page, &after.result, &after.uncertainties, unit);
     page.heading("Targets");
     targets(&mut page, &after.result, unit, target_unit);
     if let Some((before, _)) = before {
@@ -412,16 +418,17 @@ fn start_up_section(page: &mut Page, test: &Evaluated, unit: &str) {
     page.note("The results of this report hold all readings. Repeat the test after a warm-up.");
 }
 
-fn uncertainty_section(page: &mut Page, u: &Uncertainties, unit: &str) {
+fn uncertainty_section(page: &mut Page, p: &Positioning, u: &Uncertainties, unit: &str) {
     page.heading("Uncertainty");
     if !u.contributions.is_empty() {
         let rows = u.contributions.iter().map(|c| [c.name.to_owned(), format!("{:.2}", c.std)]);
         Table::new(["contribution", &format!(">standard uncertainty / {unit}")]).rows(rows).put(page);
     }
-    uncertainties(u, unit).put(page);
+    uncertainties(p, u, unit).put(page);
     page.note(
         "Measurement: instrument, alignment, temperature and drift, as far as they were stated. Few runs: what the scatter \
-         of the readings does to means and standard deviations of so few runs (first order).",
+         of the readings does to means and standard deviations of so few runs. Largest values and ranges of noisy means lie above \
+         those of endlessly many runs: the 95 % interval is not symmetric about the figure.",
     );
 }
 

@@ -20,7 +20,7 @@ use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_
 use super::positioning_data::Cycles;
 use crate::arg_parsers::{axis_letter, number, one_of};
 use volcomp_config::{ModelFile, Provenance};
-use volcomp_identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
+use volcomp_identify::curve::{self, Basis, Drift, Period, Request, Reversal, Smoothing};
 use volcomp_model::curve::Interpolation;
 use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Sense};
 use volcomp_units::axes::{AxisKind, AxisName};
@@ -77,6 +77,9 @@ pub(super) struct Args {
     /// The difference between the directions of travel: kept where the data show it, or averaged out.
     #[arg(long, value_parser = one_of(REVERSALS), default_value = "auto")]
     reversal: Reversal,
+    /// A drift over the cycles of a test in both directions, which reversal and curve would contain.
+    #[arg(long, value_parser = one_of(DRIFTS), default_value = "auto")]
+    drift: Drift,
     /// Find outliers, name them and leave them out.
     #[arg(long)]
     robust: bool,
@@ -110,6 +113,12 @@ const LINEAR: &[(&str, &str, Auto<bool>)] =
 const INTERPOLATIONS: &[(&str, &str, Interpolation)] =
     &[("linear", "", Interpolation::Linear), ("cubic", "", Interpolation::MonotoneCubic)];
 const REVERSALS: &[(&str, &str, Reversal)] = &[("auto", "", Reversal::Auto), ("mean", "", Reversal::Mean)];
+
+const DRIFTS: &[(&str, &str, Drift)] = &[
+    ("auto", "Subtracted where it is significant (p < 0.01)", Drift::Auto),
+    ("keep", "Kept; a significant one is reported", Drift::Keep),
+    ("subtract", "Subtracted, significant or not", Drift::Subtract),
+];
 
 /// `none`, `auto` or a number.
 fn smoothing(text: &str) -> Result<Smoothing, String> {
@@ -317,6 +326,7 @@ impl Args {
             further_periods: periods[1..].to_vec(),
             smoothing: self.smoothing,
             reversal: self.reversal,
+            drift: self.drift,
             robust: self.robust,
             turn: (kind == AxisKind::Rotary).then_some(core::f64::consts::TAU),
             linear: self.linear,

@@ -6,7 +6,7 @@ use super::input::Measured;
 use crate::model_writer::Sources;
 use crate::numerals::small;
 use crate::units::{Units, key, or_dash};
-use volcomp_identify::curve::{Basis, CurveFit, Figures, Hidden, Note, Outlier};
+use volcomp_identify::curve::{Basis, Course, CurveFit, CycleDrift, Figures, Hidden, Note, Outlier};
 use volcomp_model::ErrorSymbol;
 use volcomp_model::curve::Curve;
 use volcomp_units::axes::Travel;
@@ -65,6 +65,8 @@ fn one_report(f: &Fitted) -> Value {
         "m": figures.m,
         format!("raw_rms_{unit}"): of_value(f.raw_rms),
         format!("repeatability_{unit}"): figures.repeatability.map(of_value),
+        format!("std_{unit}"): fit.standard_uncertainty().map(of_value),
+        format!("lack_of_fit_{unit}"): of_value(fit.lack_of_fit),
         "condition": fit.condition,
         format!("range_{position}"): fit.curve.range().map(|r| r.map(of_position)),
         "outliers": outliers(f, &units),
@@ -84,6 +86,18 @@ fn one_report(f: &Fitted) -> Value {
     if let Some(reversal) = &fit.reversal {
         json[format!("reversal_half_coefficients_{unit}")] = json!(units.values(&reversal.coefficients));
     }
+    if let Some(reversal) = fit.mean_reversal {
+        json[format!("mean_reversal_{unit}")] = json!(of_value(reversal.value));
+        json[format!("mean_reversal_std_{unit}")] = json!(reversal.std.map(of_value));
+    }
+    json["drift"] = json!(fit.drift.map(|d| json!({
+        "course": course_name(d.course),
+        format!("per_cycle_{unit}"): of_value(d.per_cycle),
+        format!("per_cycle_std_{unit}"): of_value(d.per_cycle_std),
+        "p_value": d.p_value,
+        format!("in_mean_reversal_{unit}"): of_value(d.in_reversal),
+        "subtracted": d.subtracted,
+    })));
     uncertainty(f, &units, &mut json);
     json
 }
@@ -188,12 +202,7 @@ pub(crate) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
             "both directions were measured; a table beside the curve holds the reversal, {} in the mean (--reversal mean leaves it out)",
             show(mean)
         ),
-        Note::Drift { per_cycle, p_value } => format!(
-            "the readings drift by {} per cycle (p {}): at the target where a cycle begins the reversal holds as much of it, half in \
-             the mean; measure again when the machine is warm, or take one direction (--direction forward)",
-            show(per_cycle),
-            small(p_value)
-        ),
+        Note::Drift(drift) => drift_text(symbol, &drift),
         Note::SparseTargets { error, lower } => format!(
             "the targets are too far apart for this error: left-out targets are predicted to {} only, and better by order {lower}; measure closer, or use --basis table",
             show(error)
@@ -205,6 +214,39 @@ pub(crate) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
             "a whole turn was measured, but this basis does not close: {} between its ends; --basis fourier or table does",
             show(step)
         ),
+    }
+}
+
+/// A drift over the cycles in words.
+fn drift_text(symbol: ErrorSymbol, drift: &CycleDrift) -> String {
+    let show = |v: f64| Units::of(symbol).text(v, 2);
+    let (mean, u) = (show(drift.per_cycle), show(2.0 * drift.per_cycle_std));
+    let (course, p) = (course_name(drift.course), small(drift.p_value));
+    let found =
+        format!("the readings drift over the cycles ({course}): {mean} per cycle, U {u} (k = 2), p {p}");
+    match (drift.course, drift.subtracted) {
+        (Course::Steps, true) => {
+            format!("{found}; the offsets of the cycles were subtracted, the reversal is unchanged")
+        }
+        (Course::Steps, false) => format!("{found}; kept: the reversal error does not contain it"),
+        (_, true) => format!(
+            "{found}; subtracted, with {} in the mean reversal error (--drift keep leaves it in); without time stamps the cycles are \
+             taken as equally long, out and back without a pause",
+            show(drift.in_reversal)
+        ),
+        (_, false) => format!(
+            "{found}; kept: {} of the mean reversal error is drift; subtract it (--drift auto), measure again when the machine is \
+             warm, or fit one direction (--direction forward)",
+            show(drift.in_reversal)
+        ),
+    }
+}
+
+const fn course_name(course: Course) -> &'static str {
+    match course {
+        Course::Steps => "steps between cycles",
+        Course::Linear => "linear",
+        Course::Walk => "random walk",
     }
 }
 
@@ -220,16 +262,17 @@ pub(crate) fn print_notes(fitted: &[Fitted]) {
 /// One line per error motion.
 pub(crate) fn table(fitted: &[Fitted]) -> String {
     let mut text = String::from(
-        "error  basis       order    period     n   m    raw rms       rmse    largest   left out  repeatable to  unit\n",
+        "error  basis       order    period     n   m    raw rms       rmse    u (k=1)    largest   left out  repeatable to  unit\n",
     );
     for f in fitted {
         let Units { value: unit, of_value, of_position, .. } = Units::of(f.symbol);
         let (figures, symbol, basis) = (&f.fit.figures, f.symbol, f.fit.basis.name());
         let period = or_dash(f.fit.period.map(of_position), 2);
         let order = f.fit.order.map_or_else(|| "-".to_owned(), |o| o.to_string());
-        let [raw, rmse, largest, left_out, repeatable] = [
+        let [raw, rmse, u, largest, left_out, repeatable] = [
             Some(f.raw_rms),
             figures.rmse_dof,
+            f.fit.standard_uncertainty(),
             Some(figures.e_max),
             figures.position_rmse,
             figures.repeatability,
@@ -237,10 +280,10 @@ pub(crate) fn table(fitted: &[Fitted]) -> String {
         .map(|v| or_dash(v.map(of_value), 3));
         let Figures { n, m, .. } = figures;
         text.push_str(&format!(
-            "{symbol:<7}{basis:<11}{order:>6}{period:>10}{n:>6}{m:>4}{raw:>11}{rmse:>11}{largest:>11}{left_out:>11}{repeatable:>15}  {unit}\n"
+            "{symbol:<7}{basis:<11}{order:>6}{period:>10}{n:>6}{m:>4}{raw:>11}{rmse:>11}{u:>11}{largest:>11}{left_out:>11}{repeatable:>15}  {unit}\n"
         ));
     }
-    text.push_str("n: readings; m: numbers of the curve\n");
+    text.push_str("n: readings; m: numbers of the curve; rmse: scatter of the readings; u: standard uncertainty of the curve\n");
     text
 }
 
@@ -259,8 +302,13 @@ pub(crate) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> V
             0 => String::new(),
             n => format!(", {n} outliers left out"),
         };
-        let rmse = Units::of(symbol).text(rmse_dof.unwrap_or(*rmse_n), 4);
-        lines.push(format!("{symbol}: {basis}{order}{reversal}, n {n}, m {m}, rmse {rmse}{out}"));
+        let text = |v: f64| Units::of(symbol).text(v, 4);
+        let rmse = text(rmse_dof.unwrap_or(*rmse_n));
+        let u = f
+            .fit
+            .standard_uncertainty()
+            .map_or_else(String::new, |u| format!(", u of the curve {} (k = 1)", text(u)));
+        lines.push(format!("{symbol}: {basis}{order}{reversal}, n {n}, m {m}, rmse {rmse}{u}{out}"));
     }
     lines
 }

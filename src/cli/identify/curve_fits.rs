@@ -8,7 +8,7 @@ use crate::fit::report::{Fitted, print_notes, table};
 use crate::model_writer::{ModelWriter, Sources, data_error, put};
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_identify::Reading;
-use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::curve::{self, Basis, CurveFit, Request};
 use volcomp_model::{ErrorFunction, ErrorSymbol};
 
 /// Curves of a model, and what they were fitted to.
@@ -24,19 +24,18 @@ impl<'a> CurveFits<'a> {
         Self { model, fitted: Vec::new(), sources: Sources::of(files), files }
     }
 
-    /// Fits an error and puts it into the model; `std` makes its uncertainty from the scatter about the curve.
+    /// Fits an error and puts it into the model; `std` gives the standard uncertainty (k = 1) of the curve.
     pub(super) fn add(
         &mut self,
         symbol: ErrorSymbol,
         readings: Vec<Reading>,
         basis: Auto<Basis>,
-        std: impl FnOnce(Option<f64>) -> Option<f64>,
+        std: impl FnOnce(&CurveFit) -> Option<f64>,
         from: Provenance,
     ) -> Result<()> {
         let fit = curve::fit(&readings, &Request { basis, ..Request::default() })
             .map_err(|e| data_error(self.files, format_args!("{symbol}: {e}")))?;
-        let function =
-            ErrorFunction { std: std(fit.figures.rmse_dof), ..ErrorFunction::single(fit.curve.clone()) };
+        let function = ErrorFunction { std: std(&fit), ..ErrorFunction::single(fit.curve.clone()) };
         put(&mut self.model, symbol, function, from);
         self.fitted.push(Fitted::new(symbol, readings.into(), fit));
         Ok(())

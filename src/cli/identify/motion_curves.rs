@@ -18,7 +18,7 @@ use crate::model_writer::{ModelWriter, axis_entry, data_error};
 use crate::numerals::hull;
 use crate::units::{Units, column};
 use volcomp_config::ModelFile;
-use volcomp_identify::curve::Basis;
+use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
@@ -149,8 +149,8 @@ impl Found for Motions<'_> {
         let mut fits = CurveFits::new(self.base.clone(), &origin.files);
         for symbol in symbols(origin.axis) {
             let component = symbol.component();
-            // the scatter about the curve holds noise and what the curve misses; without it, the noise alone
-            let std = |rmse: Option<f64>| rmse.or(Some(self.gauged.std(component)));
+            // without degrees of freedom the curve runs through the readings and is as uncertain as one of them
+            let std = |fit: &CurveFit| fit.standard_uncertainty().or(Some(self.gauged.std(component)));
             let from = fits.sources.provenance();
             fits.add(symbol, self.gauged.readings(component), self.args.basis, std, from)?;
         }

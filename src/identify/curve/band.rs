@@ -1,6 +1,7 @@
 //! How well a fitted curve is known: its standard deviation at every position, and that of its numbers.
 //!
 //! Assumptions: errors of the readings are independent and of equal size, the family of curves holds the truth.
+//! Errors that readings share (offsets of the cycles, what a subtracted drift leaves) add to the band.
 //! A fitted period counts as a parameter (derivative of the curve by the period). With a ridge or a smoothed
 //! table the band is that of the Bayesian reading (`sigma^2 H_ii`), which covers the penalised bias on average.
 
@@ -23,9 +24,17 @@ pub struct Band {
 #[derive(Debug, Clone, PartialEq)]
 enum Kind {
     /// The triangular factor of the design, with the columns that it had.
-    Linear { r: DMatrix<f64>, shape: Shape, reversal: usize, coefficients: Vec<f64>, fitted: Option<usize> },
-    /// Standard deviation per unit of sigma at support points, forward and reverse.
-    Nodes { positions: Vec<f64>, forward: Vec<f64>, reverse: Option<Vec<f64>> },
+    Linear {
+        r: DMatrix<f64>,
+        shape: Shape,
+        reversal: usize,
+        coefficients: Vec<f64>,
+        fitted: Option<usize>,
+        /// How shared errors change the coefficients, a row per column of the design.
+        shared: DMatrix<f64>,
+    },
+    /// Standard deviation per unit of sigma, and of shared errors, at support points, forward and reverse.
+    Nodes { positions: Vec<f64>, forward: Vec<[f64; 2]>, reverse: Option<Vec<[f64; 2]>> },
 }
 
 impl Band {
@@ -38,15 +47,24 @@ impl Band {
         fitted: Option<usize>,
     ) -> Self {
         let (shape, coefficients) = (shape.clone(), coefficients.to_vec());
-        Self { sigma, dof, kind: Kind::Linear { r, shape, reversal, coefficients, fitted } }
+        let shared = DMatrix::zeros(r.nrows(), 0);
+        Self { sigma, dof, kind: Kind::Linear { r, shape, reversal, coefficients, fitted, shared } }
+    }
+
+    /// With what shared errors change in the coefficients.
+    pub(super) fn with_shared(mut self, of_coefficients: DMatrix<f64>) -> Self {
+        if let Kind::Linear { shared, .. } = &mut self.kind {
+            *shared = of_coefficients;
+        }
+        self
     }
 
     pub(super) fn nodes(
         sigma: f64,
         dof: usize,
         positions: Vec<f64>,
-        forward: Vec<f64>,
-        reverse: Option<Vec<f64>>,
+        forward: Vec<[f64; 2]>,
+        reverse: Option<Vec<[f64; 2]>>,
     ) -> Self {
         Self { sigma, dof, kind: Kind::Nodes { positions, forward, reverse } }
     }
@@ -73,7 +91,7 @@ impl Band {
     #[must_use]
     pub fn std_at(&self, position: f64, travel: Travel) -> f64 {
         match &self.kind {
-            Kind::Linear { r, shape, reversal, coefficients, fitted } => {
+            Kind::Linear { r, shape, reversal, coefficients, fitted, shared } => {
                 let design = Design {
                     shape,
                     reversal: *reversal,
@@ -84,7 +102,9 @@ impl Band {
                 let mut row = DVector::zeros(design.len());
                 let x = position.clamp(shape.range[0], shape.range[1]);
                 design.row(x, sign, row.as_mut_slice());
-                r.tr_solve_upper_triangular(&row).map_or(f64::INFINITY, |q| self.sigma * q.norm())
+                let common = shared.tr_mul(&row).norm();
+                r.tr_solve_upper_triangular(&row)
+                    .map_or(f64::INFINITY, |q| (self.sigma * q.norm()).hypot(common))
             }
             Kind::Nodes { positions, forward, reverse } => {
                 let values = match (reverse, travel) {
@@ -95,8 +115,11 @@ impl Band {
                 let x = position.clamp(positions[0], positions[last]);
                 let i = positions.partition_point(|&p| p <= x).saturating_sub(1).min(last - 1);
                 let share = (x - positions[i]) / (positions[i + 1] - positions[i]);
-                // between two means with independent errors
-                self.sigma * ((1.0 - share) * values[i]).hypot(share * values[i + 1])
+                let [(a, common_a), (b, common_b)] =
+                    [values[i], values[i + 1]].map(|[own, c]| (self.sigma * own, c));
+                // between two means with independent errors, beside those that they share
+                let own = ((1.0 - share) * a).hypot(share * b);
+                own.hypot((1.0 - share) * common_a + share * common_b)
             }
         }
     }
@@ -106,16 +129,20 @@ impl Band {
     #[must_use]
     pub fn parameter_std(&self) -> Vec<f64> {
         match &self.kind {
-            Kind::Linear { r, .. } => {
+            Kind::Linear { r, shared, .. } => {
                 let n = r.nrows();
                 match r.solve_upper_triangular(&DMatrix::identity(n, n)) {
-                    Some(inverse) => inverse.row_iter().map(|row| self.sigma * row.norm()).collect(),
+                    Some(inverse) => (0..n)
+                        .map(|i| (self.sigma * inverse.row(i).norm()).hypot(shared.row(i).norm()))
+                        .collect(),
                     None => vec![f64::INFINITY; n],
                 }
             }
-            Kind::Nodes { forward, reverse, .. } => {
-                forward.iter().chain(reverse.iter().flatten()).map(|s| self.sigma * s).collect()
-            }
+            Kind::Nodes { forward, reverse, .. } => forward
+                .iter()
+                .chain(reverse.iter().flatten())
+                .map(|[own, c]| (self.sigma * own).hypot(*c))
+                .collect(),
         }
     }
 }

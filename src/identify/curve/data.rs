@@ -6,7 +6,13 @@
 //! Records of more than [`MANY`] readings are gathered in `MANY` equal bins of the range: positions inside a bin
 //! (4e-6 of the range) are replaced by their mean, which moves a wave of 64 periods by 1e-7 of its amplitude.
 
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::cycle_drift::Effects;
 use super::error::FitError;
+use super::fitted::MeanReversal;
 use crate::reading::{Reading, group_by_position};
 use volcomp_units::axes::Travel;
 
@@ -79,11 +85,24 @@ pub(super) struct Data {
     pub(super) scale: f64,
     /// Sum of squares of the values about their mean.
     pub(super) spread: f64,
+    /// Errors that the means of the cells share, a row per cell; without columns where they share none.
+    pub(super) shared: DMatrix<f64>,
+    /// Degrees of freedom that were used before.
+    pub(super) used: f64,
 }
 
 impl Data {
     /// Gathers readings; `turn` is the full turn of a rotary axis, where closing it is wanted.
     pub(super) fn new(readings: &[Reading], turn: Option<f64>) -> Result<Self, FitError> {
+        Self::with_effects(readings, &Effects::default(), turn)
+    }
+
+    /// The same with what the readings share.
+    pub(super) fn with_effects(
+        readings: &[Reading],
+        effects: &Effects,
+        turn: Option<f64>,
+    ) -> Result<Self, FitError> {
         if let Some(i) = readings.iter().position(|r| !(r.position.is_finite() && r.value.is_finite())) {
             return Err(FitError::NotFinite { row: i + 1 });
         }
@@ -101,12 +120,26 @@ impl Data {
             positions.pop();
         }
         let count = positions.len();
-        let cells = gather(readings, count, |i| match groups.of_reading(i, &readings[i]) {
+        let group = |i: usize| match groups.of_reading(i, &readings[i]) {
             last if last == count => 0,
             group => group,
-        });
+        };
+        let cells = gather(readings, count, group);
+        let shared = shared_by_cells(readings, &cells, group, &effects.shared);
         let (scale, spread) = size_and_spread(&cells, readings.len());
-        Ok(Self { positions, ends, cells, n: readings.len(), turn, given_range: None, scale, spread })
+        let n = readings.len();
+        Ok(Self {
+            positions,
+            ends,
+            cells,
+            n,
+            turn,
+            given_range: None,
+            scale,
+            spread,
+            shared,
+            used: effects.used,
+        })
     }
 
     /// First position and last, or a whole turn, or what was given.
@@ -157,7 +190,21 @@ impl Data {
             let sum = cells[1..].iter().fold(cells[0], |sum, c| sum.with(c));
             Cell { travel: Travel::Forward, ..sum }
         };
-        Self { cells: self.by_position().map(merged).collect(), ..self.clone() }
+        let mut row = 0;
+        let mut rows = Vec::new();
+        for cells in self.by_position() {
+            let counts = cells.iter().map(|c| c.count).sum::<f64>();
+            let mut mean = DVector::zeros(self.shared.ncols());
+            for cell in cells {
+                if !mean.is_empty() {
+                    mean += self.shared.row(row).transpose() * (cell.count / counts);
+                }
+                row += 1;
+            }
+            rows.push(mean.transpose());
+        }
+        let shared = if self.shared.is_empty() { self.shared.clone() } else { DMatrix::from_rows(&rows) };
+        Self { cells: self.by_position().map(merged).collect(), shared, ..self.clone() }
     }
 
     /// Neighbouring positions averaged until about `wanted` are left: for searches, whatever the length of the record.
@@ -179,6 +226,7 @@ impl Data {
         Self {
             positions: positions.into_iter().map(|(sum, count)| sum / count).collect(),
             cells: cells.into_iter().flatten().collect(),
+            shared: DMatrix::zeros(0, 0),
             ..*self
         }
     }
@@ -186,14 +234,27 @@ impl Data {
     /// Standard deviation of the readings about the mean of their own target and direction, pooled; `None` where no
     /// target was repeated.
     pub(super) fn repeatability(&self) -> Option<f64> {
-        let free = self.n - self.cells.len();
-        (free > 0).then(|| (self.cells.iter().map(|c| c.within).sum::<f64>() / free as f64).sqrt())
+        let free = (self.n - self.cells.len()) as f64 - self.used;
+        (free > 0.0).then(|| (self.cells.iter().map(|c| c.within).sum::<f64>() / free).sqrt())
     }
 
     /// Mean of forward minus reverse over the positions that have both.
-    pub(super) fn mean_reversal(&self) -> Option<f64> {
-        let pairs = self.reversals();
-        (!pairs.is_empty()).then(|| pairs.iter().map(|(d, _)| d).sum::<f64>() / pairs.len() as f64)
+    pub(super) fn mean_reversal(&self) -> Option<MeanReversal> {
+        let (mut row, mut pairs, mut value, mut of_noise) = (0, 0.0, 0.0, 0.0);
+        let mut shared = DVector::zeros(self.shared.ncols());
+        for cells in self.by_position() {
+            if let [f, r] = cells {
+                pairs += 1.0;
+                value += f.mean - r.mean;
+                of_noise += 1.0 / f.count + 1.0 / r.count;
+                if !shared.is_empty() {
+                    shared += (self.shared.row(row) - self.shared.row(row + 1)).transpose();
+                }
+            }
+            row += cells.len();
+        }
+        let std = self.repeatability().map(|sigma| (sigma * of_noise.sqrt()).hypot(shared.norm()) / pairs);
+        (pairs > 0.0).then(|| MeanReversal { value: value / pairs, std })
     }
 }
 
@@ -295,6 +356,28 @@ fn gather(readings: &[Reading], positions: usize, group: impl Fn(usize) -> usize
     }
     cells.retain(|c| c.count > 0.0);
     cells
+}
+
+/// Means by cell of what single readings share.
+fn shared_by_cells(
+    readings: &[Reading],
+    cells: &[Cell],
+    group: impl Fn(usize) -> usize,
+    shared: &DMatrix<f64>,
+) -> DMatrix<f64> {
+    if shared.is_empty() {
+        return DMatrix::zeros(0, 0);
+    }
+    let slot = |group: usize, travel: Travel| 2 * group + usize::from(travel == Travel::Reverse);
+    let rows: BTreeMap<usize, usize> =
+        cells.iter().enumerate().map(|(i, c)| (slot(c.group, c.travel), i)).collect();
+    let mut means = DMatrix::zeros(cells.len(), shared.ncols());
+    for (i, r) in readings.iter().enumerate() {
+        let Some(cell) = rows.get(&slot(group(i), r.travel)) else { continue };
+        let mut row = means.row_mut(*cell);
+        row += shared.row(i) / cells[*cell].count;
+    }
+    means
 }
 
 fn size_and_spread(cells: &[Cell], n: usize) -> (f64, f64) {

@@ -15,7 +15,7 @@ pub struct Figures {
     pub sse: f64,
     /// Root of the mean square over the readings.
     pub rmse_n: f64,
-    /// The same over the degrees of freedom; `None` where there are none.
+    /// The same over the degrees of freedom, those of a subtracted drift taken off; `None` where there are none.
     pub rmse_dof: Option<f64>,
     /// Share of the variance explained; `None` where the readings are all equal.
     pub r2: Option<f64>,
@@ -73,7 +73,8 @@ impl Figures {
             m,
             sse: sums.sse,
             rmse_n,
-            rmse_dof: (n > m).then(|| (sums.sse / (n - m) as f64).sqrt()),
+            rmse_dof: (n as f64 - data.used > m as f64)
+                .then(|| (sums.sse / (n as f64 - data.used - m as f64)).sqrt()),
             r2: (data.spread > 0.0).then(|| 1.0 - sums.sse / data.spread),
             e_max: sums.e_max,
             aicc: if rmse_n > ROUNDING * data.scale { aicc(sums.sse, n, m) } else { None },
@@ -87,6 +88,11 @@ impl Figures {
     #[must_use]
     pub(super) fn is_exact(&self, data: &Data) -> bool {
         self.rmse_n <= ROUNDING * data.scale
+    }
+
+    /// Degrees of freedom of the residuals, those of a subtracted drift taken off.
+    pub(super) fn dof(&self, data: &Data) -> usize {
+        (self.n - self.m).saturating_sub(data.used.round() as usize)
     }
 
     /// AICc with the squares in another unit: `scale` = units per mm or per rad.

@@ -5,6 +5,7 @@ use volcomp_model::curve::ErrorFunction;
 use volcomp_units::axes::Travel;
 
 use super::band::Band;
+use super::cycle_drift::CycleDrift;
 use super::figures::Figures;
 use super::request::Basis;
 
@@ -35,13 +36,8 @@ pub enum Note {
         /// Mean difference forward minus reverse.
         mean: f64,
     },
-    /// The readings drift from cycle to cycle, and part of the difference of the directions is drift.
-    Drift {
-        /// Change from one cycle to the next.
-        per_cycle: f64,
-        /// Probability of such a trend by chance.
-        p_value: f64,
-    },
+    /// The readings drift over the cycles: part of the difference of the directions is drift, or was until it was subtracted.
+    Drift(CycleDrift),
     /// The positions are too far apart for what the error does between them.
     SparseTargets {
         /// RMS error with which left-out positions are predicted.
@@ -68,6 +64,15 @@ pub enum Note {
 pub struct ReversalFit {
     /// Half of forward minus reverse as Chebyshev polynomials over the range.
     pub coefficients: Vec<f64>,
+}
+
+/// Mean difference of the directions of travel, forward minus reverse, mm or rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanReversal {
+    /// The mean over the positions that have both directions.
+    pub value: f64,
+    /// Its standard uncertainty (k = 1): scatter, offsets of the cycles, what a subtracted drift leaves; `None` where nothing repeats.
+    pub std: Option<f64>,
 }
 
 /// A fitted curve.
@@ -102,6 +107,12 @@ pub struct CurveFit {
     pub outliers: Vec<Outlier>,
     /// Condition number of the basis on these positions (1 for a table).
     pub condition: f64,
+    /// Standard deviation of what the curve misses of the error beyond the noise, mm or rad.
+    pub lack_of_fit: f64,
+    /// Mean of forward minus reverse over the positions that have both.
+    pub mean_reversal: Option<MeanReversal>,
+    /// A drift over the cycles that is significant or was subtracted.
+    pub drift: Option<CycleDrift>,
     /// What the user should know.
     pub notes: Vec<Note>,
 }
@@ -125,6 +136,9 @@ impl CurveFit {
             smoothing: None,
             outliers: Vec::new(),
             condition: 1.0,
+            lack_of_fit: 0.0,
+            mean_reversal: None,
+            drift: None,
             notes: Vec::new(),
         }
     }
@@ -135,10 +149,10 @@ impl CurveFit {
         self.curve.value(position, travel) + self.more.iter().map(|c| c.value(position, travel)).sum::<f64>()
     }
 
-    /// The error function of a model, with the residual standard deviation as its uncertainty.
+    /// The error function of a model with the standard uncertainty of the curve.
     #[must_use]
     pub fn function(&self) -> ErrorFunction {
         let curves = core::iter::once(&self.curve).chain(&self.more).cloned().collect();
-        ErrorFunction { curves, std: self.figures.rmse_dof, ..ErrorFunction::default() }
+        ErrorFunction { curves, std: self.standard_uncertainty(), ..ErrorFunction::default() }
     }
 }

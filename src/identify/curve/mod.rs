@@ -10,7 +10,7 @@
 //!
 //! Source: equations 5.9; figures: `docs/reference/json-output.md` 2. Reading order: this file, `data`, `basis`, `solve`,
 //! `figures`, `select` (orders and reversal), `periods`, `support` and `smooth` (tables), `band`, `robust`;
-//! `repeat` (a whole turn over a longer travel), `cycle_drift`, `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
+//! `repeat` (a whole turn over a longer travel), `cycle_drift`, `uncertainty` (of the curve as one number), `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
 
 mod band;
 mod basis;
@@ -31,21 +31,23 @@ mod select;
 mod smooth;
 mod solve;
 mod support;
+mod uncertainty;
 
 pub use band::Band;
+pub use cycle_drift::{Course, CycleDrift};
 pub use error::FitError;
 pub use figures::Figures;
-pub use fitted::{CurveFit, Note, Outlier, ReversalFit};
+pub use fitted::{CurveFit, MeanReversal, Note, Outlier, ReversalFit};
 pub use periods::period_range;
 pub use repeat::{covers_turn, repeated};
-pub use request::{Basis, Period, Request, Reversal, Smoothing};
+pub use request::{Basis, Drift, Period, Request, Reversal, Smoothing};
 pub use sampling::{COMMON_PITCHES, Hidden, hidden};
 pub use select::highest_order;
 
 use volcomp_units::axes::Travel;
 
 use super::reading::Reading;
-use cycle_drift::CycleDrift;
+use cycle_drift::Effects;
 use data::Data;
 
 /// Condition number above which coefficients are reported as ill-determined.
@@ -75,17 +77,42 @@ pub fn fit(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError
     {
         return Err(FitError::EmptyRange { low, high });
     }
-    if request.robust {
-        robust::fit(readings, request, all_readings)
-    } else {
-        all_readings(readings, request)
+    if !request.robust {
+        return without_drift(readings, request);
     }
+    let plain = |kept: &[Reading], request: &Request| all_readings(kept, request, &Effects::default());
+    let found = robust::fit(readings, request, plain)?;
+    let is_out = |i: usize| found.outliers.iter().any(|o| o.index == i);
+    let kept: Vec<Reading> = (0..readings.len()).filter(|i| !is_out(*i)).map(|i| readings[i]).collect();
+    let request = Request { range: request.range.or(robust::range(readings, request)?), ..request.clone() };
+    let mut fit = without_drift(&kept, &request)?;
+    let judged = |o: Outlier| {
+        let r = readings[o.index];
+        Outlier { deviation: r.value - fit.value(r.position, r.travel), ..o }
+    };
+    fit.outliers = found.outliers.into_iter().map(judged).collect();
+    Ok(fit)
 }
 
-fn all_readings(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError> {
+/// Subtracts a drift over the cycles, where that is asked for, and fits.
+fn without_drift(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError> {
+    let effects = cycle_drift::analyse(readings, request.drift);
+    if effects.offsets.is_empty() {
+        return all_readings(readings, request, &effects);
+    }
+    let subtracted = |(r, offset): (&Reading, &f64)| Reading { value: r.value - offset, ..*r };
+    let rest: Vec<Reading> = readings.iter().zip(&effects.offsets).map(subtracted).collect();
+    let mut fit = all_readings(&rest, request, &effects)?;
+    // no static curve can remove the drift
+    fit.figures.repeatability = crate::reading::repeatability(readings);
+    Ok(fit)
+}
+
+fn all_readings(readings: &[Reading], request: &Request, effects: &Effects) -> Result<CurveFit, FitError> {
     // polynomials and half waves cannot close: they keep the ends that were measured
     let closes = !matches!(request.basis, Some(Basis::HalfRange | Basis::Chebyshev));
-    let data = Data { given_range: request.range, ..Data::new(readings, request.turn.filter(|_| closes))? };
+    let turn = request.turn.filter(|_| closes);
+    let data = Data { given_range: request.range, ..Data::with_effects(readings, effects, turn)? };
     let mut fit = match request.basis {
         Some(Basis::Table) if request.reversal == Reversal::Mean => {
             support::fit(&data.one_direction(), request.interpolation, request.smoothing)?
@@ -97,16 +124,17 @@ fn all_readings(readings: &[Reading], request: &Request) -> Result<CurveFit, Fit
     if fit.condition > CONDITION_NOTE {
         fit.notes.push(Note::IllConditioned { condition: fit.condition });
     }
-    if let Some(mean) = data.mean_reversal() {
+    fit.mean_reversal = data.mean_reversal();
+    fit.lack_of_fit = uncertainty::lack_of_fit(&data, &fit);
+    if let Some(mean) = fit.mean_reversal.map(|m| m.value) {
         if fit.reversal.is_some() {
             fit.notes.push(Note::ReversalKept { mean });
         } else if mean.abs() > REVERSAL_NOTE * fit.figures.rmse_n && !select::holds_reversal(&fit) {
             fit.notes.push(Note::ReversalLeftOut { mean });
         }
     }
-    if let Some(CycleDrift { per_cycle, p_value }) = cycle_drift::find(readings) {
-        fit.notes.push(Note::Drift { per_cycle, p_value });
-    }
+    fit.drift = effects.drift;
+    fit.notes.extend(effects.drift.map(Note::Drift));
     if !closes
         && let Some(turn) = request.turn
         && Data::new(readings, Some(turn))?.turn.is_some()

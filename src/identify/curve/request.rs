@@ -50,6 +50,18 @@ pub enum Reversal {
     Mean,
 }
 
+/// What happens to a drift over the cycles of a test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Drift {
+    /// It stays in the readings; a significant one is noted.
+    #[default]
+    Keep,
+    /// It is subtracted, significant or not.
+    Subtract,
+    /// It is subtracted where it is significant.
+    Auto,
+}
+
 /// Smoothing of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Smoothing {
@@ -87,6 +99,8 @@ pub struct Request {
     pub smoothing: Smoothing,
     /// The difference between the directions.
     pub reversal: Reversal,
+    /// A drift over the cycles.
+    pub drift: Drift,
     /// Outliers are found, named and left out.
     pub robust: bool,
     /// The full turn of a rotary axis, rad: readings over all of it give a curve that closes.

@@ -43,11 +43,7 @@ pub(super) fn fit(
     request: &Request,
     plain: impl Fn(&[Reading], &Request) -> Result<CurveFit, FitError>,
 ) -> Result<CurveFit, FitError> {
-    // numbers that are none are refused before they can hide as outliers
-    let data = Data::new(readings, request.turn)?;
-    // the curve covers the ends, whether their readings stay or not
-    let range = request.range.or_else(|| data.turn.is_none().then(|| data.range()));
-    let request = &Request { range, ..request.clone() };
+    let request = &Request { range: request.range.or(range(readings, request)?), ..request.clone() };
     let mut out = first_verdict(readings, request)?;
     let mut round = 0;
     loop {
@@ -69,6 +65,13 @@ pub(super) fn fit(
         }
         out = next;
     }
+}
+
+/// Range of all readings: the curve covers the ends, whether their readings stay or not. `None` for a whole turn.
+pub(super) fn range(readings: &[Reading], request: &Request) -> Result<Option<[f64; 2]>, FitError> {
+    // numbers that are none are refused before they can hide as outliers
+    let data = Data::new(readings, request.turn)?;
+    Ok(data.turn.is_none().then(|| data.range()))
 }
 
 /// Which readings are outliers of a fit that `out` were left out of, and all deviations from it. What a reading that

@@ -374,14 +374,16 @@ fn finish(
         curves.push(reversal_table(shape.range, turned)?);
     }
     let band = figures.rmse_dof.map(|sigma| {
-        let r = match fitted {
+        let (r, shared) = match fitted {
             Some(first) => {
                 let design = Design { slopes: Some((own, first)), ..design };
-                Factor::new(data, &design, &[]).r
+                let factor = Factor::new(data, &design, &[]);
+                let shared = factor.shared(data, &design);
+                (factor.r, shared)
             }
-            None => factor.r.clone(),
+            None => (factor.r.clone(), factor.shared(data, &design)),
         };
-        Band::linear(sigma, figures.n - figures.m, r, (shape, reversal), own, fitted)
+        Band::linear(sigma, figures.dof(data), r, (shape, reversal), own, fitted).with_shared(shared)
     });
     Ok(CurveFit {
         order: Some(shape.order),

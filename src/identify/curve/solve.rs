@@ -136,6 +136,27 @@ impl Factor {
         self.r.view((0, 0), (k, k)).clone_owned().solve_upper_triangular(&self.z.rows(0, k).clone_owned())
     }
 
+    /// How what the means of the cells share changes the coefficients: a row per coefficient.
+    pub(super) fn shared(&self, data: &Data, design: &Design<'_>) -> DMatrix<f64> {
+        let k = design.len();
+        let columns = data.shared.ncols();
+        if columns == 0 {
+            return DMatrix::zeros(k, 0);
+        }
+        let mut right = DMatrix::zeros(k, columns);
+        let mut row = vec![0.0; k];
+        for (i, cell) in data.cells.iter().enumerate() {
+            design.row(data.positions[cell.group], cell.sign(), &mut row);
+            for (j, value) in row.iter().enumerate() {
+                let mut line = right.row_mut(j);
+                line += data.shared.row(i) * (cell.count * value);
+            }
+        }
+        let half = self.r.tr_solve_upper_triangular(&right);
+        half.and_then(|half| self.r.solve_upper_triangular(&half))
+            .unwrap_or_else(|| DMatrix::zeros(k, columns))
+    }
+
     /// Coefficients with the rounding of the first solution taken out by one step of refinement.
     pub(super) fn refined(&self, data: &Data, design: &Design<'_>) -> Option<DVector<f64>> {
         let k = design.len();

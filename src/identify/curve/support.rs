@@ -62,7 +62,7 @@ pub(super) fn fit(
     // whole numbers are compared: a smoothed table counts its effective ones, rounded up
     let m = (freedom - 1e-6).ceil() as usize;
     let figures = Figures::new(data, &sums, m);
-    let band = figures.rmse_dof.map(|sigma| band(data, &branches, sigma, figures.n - m));
+    let band = figures.rmse_dof.map(|sigma| band(data, &branches, sigma, figures.dof(data)));
     let coefficients: Vec<f64> = branches.iter().flat_map(|b| b.smoothed.values.iter().copied()).collect();
     let mut values = branches.into_iter().map(|b| b.smoothed.values);
     let closed = |mut v: Vec<f64>| {
@@ -152,9 +152,13 @@ fn search(data: &Data, branches: &[Branch<'_>]) -> f64 {
 }
 
 fn band(data: &Data, branches: &[Branch<'_>], sigma: f64, dof: usize) -> Band {
+    let shared = |travel: Travel| {
+        let cells = data.cells.iter().enumerate().filter(move |(_, c)| c.travel == travel);
+        cells.map(|(i, _)| if data.shared.is_empty() { 0.0 } else { data.shared.row(i).norm() })
+    };
     let std = |b: &Branch<'_>| {
-        let mut std: Vec<f64> =
-            b.smoothed.leverage.iter().zip(&b.counts).map(|(h, n)| (h.max(0.0) / n).sqrt()).collect();
+        let own = b.smoothed.leverage.iter().zip(&b.counts).map(|(h, n)| (h.max(0.0) / n).sqrt());
+        let mut std: Vec<[f64; 2]> = own.zip(shared(b.travel)).map(|(own, shared)| [own, shared]).collect();
         if data.turn.is_some() {
             std.push(std[0]);
         }

@@ -35,7 +35,7 @@ use volcomp_model::geometry::Vec3;
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, Travel};
 
-use crate::curve::{self, FitError};
+use crate::curve::{self, CurveFit, FitError};
 use crate::reading::Reading;
 
 /// A measured point. Lengths mm, angles rad; axes in chain order.
@@ -82,8 +82,7 @@ impl Default for Request {
 pub enum Curves {
     /// Straight lines between them: their noise stays.
     Lines,
-    /// The curve that [`curve::fit`] chooses, zero at the reference position: noise averages over the positions. The
-    /// uncertainties stated remain those of the single positions.
+    /// The curve that [`curve::fit`] chooses, zero at the reference position: noise averages over the positions.
     Fitted,
 }
 
@@ -105,6 +104,22 @@ pub struct Motion {
     pub values: Vec<f64>,
     /// Uncertainty of each.
     pub std: Vec<Shares>,
+    /// What a fitted curve leaves of these.
+    pub(super) smoothing: Smoothed,
+}
+
+/// What a fitted curve leaves of the uncertainty of single positions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Smoothed {
+    /// RMS standard deviation of the curve over that of a value.
+    pub(super) share: f64,
+    /// Standard deviation of what the curve misses, mm or rad.
+    pub(super) lack_of_fit: f64,
+}
+
+impl Smoothed {
+    /// Straight lines between the positions leave all of it.
+    pub(super) const NONE: Self = Self { share: 1.0, lack_of_fit: 0.0 };
 }
 
 /// How the artefact's set-up was treated.
@@ -349,10 +364,10 @@ impl Chain {
 }
 
 /// The curves of the motions found, in the sense of the axis, and the locations.
-fn write_into(spec: &mut ModelSpec, found: &Found, how: Curves) -> Result<(), GrinderError> {
+fn write_into(spec: &mut ModelSpec, found: &mut Found, how: Curves) -> Result<(), GrinderError> {
     let mirrored = spec.is_mirrored(found.axis);
     let stored = |q: f64| if mirrored { -q } else { q };
-    for motion in &found.motions {
+    for motion in &mut found.motions {
         let mut support: Vec<(f64, f64)> =
             found.positions.iter().map(|q| stored(*q)).zip(motion.values.iter().copied()).collect();
         support.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -361,7 +376,12 @@ fn write_into(spec: &mut ModelSpec, found: &Found, how: Curves) -> Result<(), Gr
                 let (positions, values) = support.into_iter().unzip();
                 vec![Curve::Table(Table::new(positions, values, None, Interpolation::Linear)?)]
             }
-            Curves::Fitted => fitted(&support, stored(found.positions[found.reference]), motion.symbol)?,
+            Curves::Fitted => {
+                let fit = fitted(&support, motion.symbol)?;
+                motion.smoothing = smoothed(&fit, &support, motion.own());
+                let zero = fit.value(stored(found.positions[found.reference]), Travel::Forward);
+                core::iter::once(fit.curve).chain(fit.more).chain([Curve::Constant(-zero)]).collect()
+            }
         };
         // a rotary axis is in the same pose at every turn
         let travel = spec.axis(found.axis).travel.filter(|_| found.axis.kind() == AxisKind::Rotary);
@@ -379,8 +399,8 @@ fn write_into(spec: &mut ModelSpec, found: &Found, how: Curves) -> Result<(), Gr
     Ok(())
 }
 
-/// Curves through values at positions, less their sum at the reference position.
-fn fitted(support: &[(f64, f64)], reference: f64, symbol: ErrorSymbol) -> Result<Vec<Curve>, GrinderError> {
+/// Curve through values at positions.
+fn fitted(support: &[(f64, f64)], symbol: ErrorSymbol) -> Result<CurveFit, GrinderError> {
     let readings: Vec<Reading> = support
         .iter()
         .map(|(position, value)| Reading {
@@ -391,10 +411,18 @@ fn fitted(support: &[(f64, f64)], reference: f64, symbol: ErrorSymbol) -> Result
         })
         .collect();
     let turn = (symbol.axis().kind() == AxisKind::Rotary).then_some(core::f64::consts::TAU);
-    let fit = curve::fit(&readings, &curve::Request { turn, ..curve::Request::default() })
-        .map_err(|source| GrinderError::Fit { symbol, source })?;
-    let zero = fit.value(reference, Travel::Forward);
-    Ok(core::iter::once(fit.curve).chain(fit.more).chain([Curve::Constant(-zero)]).collect())
+    curve::fit(&readings, &curve::Request { turn, ..curve::Request::default() })
+        .map_err(|source| GrinderError::Fit { symbol, source })
+}
+
+/// How much the curve averages the noise of the values, and what it misses of them.
+fn smoothed(fit: &CurveFit, support: &[(f64, f64)], own: f64) -> Smoothed {
+    let Some(band) = fit.band.as_ref().filter(|b| b.sigma() > 0.0) else { return Smoothed::NONE };
+    let relative = |(x, _): &(f64, f64)| (band.std_at(*x, Travel::Forward) / band.sigma()).powi(2);
+    let mean = support.iter().map(relative).sum::<f64>() / support.len() as f64;
+    // the noise of the values is known: the rest of the residuals is what the curve misses
+    let lack_of_fit = (band.sigma().powi(2) - own * own).max(0.0).sqrt();
+    Smoothed { share: mean.sqrt().min(1.0), lack_of_fit }
 }
 
 fn put(spec: &mut ModelSpec, symbol: ErrorSymbol, function: ErrorFunction) {
@@ -411,10 +439,18 @@ fn put_std(spec: &mut ModelSpec, symbol: ErrorSymbol, std: Option<f64>) {
 }
 
 impl Motion {
-    /// Root mean square of the uncertainties at the positions.
+    /// Root mean square of the uncertainties from the readings of the step itself.
+    fn own(&self) -> f64 {
+        (self.std.iter().map(|s| s.own * s.own).sum::<f64>() / self.std.len().max(1) as f64).sqrt()
+    }
+
+    /// Standard uncertainty of the curve: root mean square over the positions. A fitted curve averages the noise of the step itself;
+    /// what the steps before left uncertain is common to all positions.
     fn std_of_curve(&self) -> Option<f64> {
-        let squares = self.std.iter().map(|s| s.total().powi(2)).sum::<f64>();
-        (!self.std.is_empty()).then(|| (squares / self.std.len() as f64).sqrt())
+        let Smoothed { share, lack_of_fit } = self.smoothing;
+        let square = |s: &Shares| (share * s.own).powi(2) + s.inherited.powi(2);
+        let squares = self.std.iter().map(square).sum::<f64>();
+        (!self.std.is_empty()).then(|| (squares / self.std.len() as f64).sqrt().hypot(lack_of_fit))
     }
 }
 

@@ -4,7 +4,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::effects::{self, Effects};
 use super::{
-    Chain, Consistency, Found, GrinderError, Measured, Motion, Request, Row, SetUp, Shares, Worst, write_into,
+    Chain, Consistency, Found, GrinderError, Measured, Motion, Request, Row, SetUp, Shares, Smoothed, Worst,
+    write_into,
 };
 use crate::primitives::jacobi;
 use volcomp_model::geometry::Vec3;
@@ -144,7 +145,7 @@ pub(super) fn solve(chain: &Chain, measured: &Measured, request: &Request) -> Re
     let covariance = joined(&old, &cross, &(&own + &inherited));
     found.tip = tip_shares(&problem.spec, &found, &symbols, &own, &inherited)?;
     let mut spec = problem.spec.clone();
-    write_into(&mut spec, &found, request.curves)?;
+    write_into(&mut spec, &mut found, request.curves)?;
     found.chain = chain_share(&spec, chain, &found, measured, &covariance)?;
     Ok(Solved { found, spec, covariance, enlarged: enlarged_before })
 }
@@ -538,7 +539,8 @@ fn motions(
                 inherited: inherited[(j, j)].max(0.0).sqrt(),
             })
         };
-        Motion { symbol: *symbol, values, std: (0..found.positions.len()).map(share).collect() }
+        let std = (0..found.positions.len()).map(share).collect();
+        Motion { symbol: *symbol, values, std, smoothing: Smoothed::NONE }
     };
     symbols.iter().enumerate().map(|(c, s)| one(c, s)).collect()
 }

@@ -12,7 +12,7 @@ use crate::model_writer::{ModelWriter, axis_entry, default_chain};
 use crate::units::Units;
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
-use volcomp_identify::curve::Basis;
+use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::reading::group_by_position;
 use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
 use volcomp_identify::straightness::{Line, Rule};
@@ -128,7 +128,13 @@ impl AxisWriter {
             }
             // only a table holds two directions
             let both = Some(Basis::Table).filter(|_| judged.keeps_both());
-            let std = |rmse: Option<f64>| rmse.into_iter().chain(m.std).reduce(f64::max);
+            // readings scatter by no less than the instrument states
+            let std = |fit: &CurveFit| match (fit.standard_uncertainty(), fit.figures.rmse_dof, m.std) {
+                (Some(u), Some(rmse), Some(instrument)) if rmse > 0.0 => {
+                    Some(u * (instrument / rmse).max(1.0))
+                }
+                (u, _, instrument) => u.into_iter().chain(instrument).reduce(f64::max),
+            };
             // sign table and tilt test are no data of the curve
             let own = fits.sources.only(|i| i == 0).provenance();
             let from = Provenance { instrument: origin.instrument.clone(), ..own };

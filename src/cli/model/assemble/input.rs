@@ -188,7 +188,7 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
         let fit = curve::fit(&readings.readings, &Request::default())
             .map_err(|e| if axis.kind() == AxisKind::Rotary { e.in_degrees() } else { e })
             .map_err(|e| data!(path, "{symbol}: {e}"))?;
-        let std = fit.figures.rmse_dof;
+        let std = fit.standard_uncertainty();
         spec.errors.push((symbol, ErrorFunction { std, ..ErrorFunction::single(fit.curve) }));
     }
     Ok(Loaded {
