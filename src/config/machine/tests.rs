@@ -1,4 +1,5 @@
 use super::*;
+use volcomp_engine::LimitTime;
 use volcomp_protocol::{Axis, Name};
 
 const TEXT: &str = "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"model.toml\"\n\
