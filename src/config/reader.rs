@@ -5,13 +5,17 @@
 //! asked for is an unknown key, so the keys in the code, in the messages and in `known_keys` are the same by
 //! construction. A value that is wrong is reported and then counts as absent.
 
+mod values;
+
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{ConfigErrors, Diagnostic, figure};
+use values::{kind_of, number_of};
+
+use super::diagnostic::{ConfigErrors, Diagnostic};
 use super::key_names::{in_words, stem, suggestion, unit_of};
 use super::syntax;
 
@@ -386,223 +390,6 @@ impl<'r> Section<'r> {
         self.asked.borrow().contains(&key)
     }
 
-    /// Reports a value of the wrong shape.
-    pub(super) fn wrong_shape(&self, key: &str, value: &Placed<&DeValue<'_>>, expected: &str) {
-        let found = kind_of(value.value);
-        self.report(Diagnostic::at(
-            value.place.clone(),
-            format!("{} must be {expected}, found {found}", self.named_key(key)),
-            match value.value {
-                DeValue::String(text)
-                    if expected.contains("number") && text.trim().parse::<f64>().is_ok() =>
-                {
-                    format!("write {} without quotes", text.trim())
-                }
-                _ => format!("write {expected} behind {key} ="),
-            },
-        ));
-    }
-
-    /// A finite number.
-    pub(super) fn number(&self, key: &'static str, allowed: Allowed) -> Option<Placed<f64>> {
-        self.shape(key, Shape::Number(allowed));
-        let value = self.value(key)?;
-        let number = self.finite(key, &value, None)?;
-        if !allowed.admits(number) {
-            let unit = unit_of(key).map_or(String::new(), |u| format!(" {}", in_words(u)));
-            self.report(Diagnostic::at(
-                value.place,
-                format!("{} is {}{unit}", self.named_key(key), figure(number)),
-                format!("allowed is {}", allowed.in_words(&unit)),
-            ));
-            return None;
-        }
-        Some(Placed::new(number, value.place))
-    }
-
-    /// A whole number.
-    pub(super) fn whole(&self, key: &'static str, low: u32, high: u32) -> Option<Placed<u32>> {
-        self.shape(key, Shape::Whole(low, high));
-        let value = self.value(key)?;
-        let Some(integer) = value.value.as_integer() else {
-            self.wrong_shape(key, &value, "a whole number");
-            return None;
-        };
-        match u32::from_str_radix(integer.as_str(), integer.radix()).ok().filter(|v| (low..=high).contains(v))
-        {
-            Some(v) => Some(Placed::new(v, value.place)),
-            None => {
-                let unit = unit_of(key).map_or(String::new(), |u| format!(" {}", in_words(u)));
-                let message = format!("{} is {integer}{unit}", self.named_key(key));
-                self.report(Diagnostic::at(
-                    value.place,
-                    message,
-                    format!("allowed is {low} to {high}{unit}"),
-                ));
-                None
-            }
-        }
-    }
-
-    /// A list of finite numbers.
-    pub(super) fn numbers(&self, key: &'static str) -> Option<Placed<Vec<Placed<f64>>>> {
-        self.shape(key, Shape::Numbers(None));
-        let value = self.value(key)?;
-        self.list(key, &value)
-    }
-
-    /// The numbers of a list.
-    pub(super) fn list(
-        &self,
-        key: &str,
-        value: &Placed<&'r DeValue<'r>>,
-    ) -> Option<Placed<Vec<Placed<f64>>>> {
-        self.shape_of(key, Shape::Numbers(None));
-        let Some(items) = value.value.as_array() else {
-            self.wrong_shape(key, value, "a list of numbers");
-            return None;
-        };
-        let mut numbers = Vec::with_capacity(items.len());
-        for (i, item) in items.iter().enumerate() {
-            let item = Placed::new(item.get_ref(), item.span());
-            // every bad number of the list is reported
-            if let Some(number) = self.finite(key, &item, Some(i + 1)) {
-                numbers.push(Placed::new(number, item.place));
-            }
-        }
-        (numbers.len() == items.len()).then(|| Placed::new(numbers, value.place.clone()))
-    }
-
-    /// A list of exactly `N` finite numbers.
-    pub(super) fn fixed<const N: usize>(&self, key: &'static str, shape: &str) -> Option<Placed<[f64; N]>> {
-        self.shape(key, Shape::Numbers(Some(N)));
-        let value = self.value(key)?;
-        self.fixed_list(key, &value, shape)
-    }
-
-    /// Exactly `N` numbers of a list.
-    pub(super) fn fixed_list<const N: usize>(
-        &self,
-        key: &str,
-        value: &Placed<&'r DeValue<'r>>,
-        shape: &str,
-    ) -> Option<Placed<[f64; N]>> {
-        let list = self.list(key, value);
-        self.shape_of(key, Shape::Numbers(Some(N)));
-        let list = list?;
-        let found = list.value.len();
-        let plain: Vec<f64> = list.value.iter().map(|n| n.value).collect();
-        let Ok(array) = <[f64; N]>::try_from(plain) else {
-            self.report(Diagnostic::at(
-                list.place,
-                format!("{} has {found} numbers", self.named_key(key)),
-                format!("write {N} numbers: {shape}"),
-            ));
-            return None;
-        };
-        Some(Placed::new(array, list.place))
-    }
-
-    /// Two numbers of which the second is larger.
-    pub(super) fn interval(&self, key: &'static str) -> Option<Placed<[f64; 2]>> {
-        let pair = self.fixed::<2>(key, "[lower end, upper end]")?;
-        let [low, high] = pair.value;
-        if low < high {
-            return Some(pair);
-        }
-        let message = format!("{} from {low} to {high} is empty", self.named_key(key));
-        self.report(Diagnostic::at(
-            pair.place,
-            message,
-            "write the lower end first and a larger upper end behind it",
-        ));
-        None
-    }
-
-    fn finite(&self, key: &str, value: &Placed<&DeValue<'_>>, row: Option<usize>) -> Option<f64> {
-        let number = match value.value {
-            DeValue::Float(v) => v.as_str().parse::<f64>().ok(),
-            DeValue::Integer(v) if v.radix() == 10 => v.as_str().parse::<f64>().ok(),
-            DeValue::Integer(v) => i64::from_str_radix(v.as_str(), v.radix()).ok().map(|i| i as f64),
-            _ => {
-                self.wrong_shape(
-                    key,
-                    value,
-                    if row.is_some() { "a list of numbers only" } else { "a number" },
-                );
-                return None;
-            }
-        };
-        let number = number.filter(|v| v.is_finite());
-        if number.is_none() {
-            let row = row.map_or(String::new(), |r| format!(", row {r},"));
-            self.report(Diagnostic::at(
-                value.place.clone(),
-                format!("{}{row} is not a finite number", self.named_key(key)),
-                "write a finite number; a value that was not measured is left out with its row",
-            ));
-        }
-        number
-    }
-
-    /// A text.
-    pub(super) fn text(&self, key: &'static str) -> Option<Placed<&'r str>> {
-        self.shape(key, Shape::Text);
-        let value = self.value(key)?;
-        match value.value {
-            DeValue::String(text) => Some(Placed::new(text.as_ref(), value.place)),
-            _ => {
-                self.wrong_shape(key, &value, "a text in quotes");
-                None
-            }
-        }
-    }
-
-    /// A list of texts.
-    pub(super) fn texts(&self, key: &'static str) -> Option<Placed<Vec<Placed<&'r str>>>> {
-        self.shape(key, Shape::Texts);
-        let value = self.value(key)?;
-        let texts: Option<Vec<_>> = value.value.as_array().and_then(|list| {
-            list.iter().map(|item| Some(Placed::new(item.get_ref().as_str()?, item.span()))).collect()
-        });
-        if texts.is_none() {
-            self.wrong_shape(key, &value, "a list of texts in quotes");
-        }
-        Some(Placed::new(texts?, value.place))
-    }
-
-    /// True or false.
-    pub(super) fn flag(&self, key: &'static str) -> Option<bool> {
-        self.shape(key, Shape::Flag);
-        let value = self.value(key)?;
-        let flag = value.value.as_bool();
-        if flag.is_none() {
-            self.wrong_shape(key, &value, "true or false");
-        }
-        flag
-    }
-
-    /// One of several words.
-    pub(super) fn choice<T: Copy>(&self, key: &'static str, words: &[(&str, T)]) -> Option<T> {
-        let text = self.text(key);
-        self.shape(key, Shape::Words(words.iter().map(|(word, _)| (*word).to_owned()).collect()));
-        self.word(key, &text?, words)
-    }
-
-    /// The meaning of a word.
-    pub(super) fn word<T: Copy>(&self, key: &str, text: &Placed<&str>, words: &[(&str, T)]) -> Option<T> {
-        if let Some((_, meaning)) = words.iter().find(|(word, _)| *word == text.value) {
-            return Some(*meaning);
-        }
-        let known: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
-        self.report(Diagnostic::at(
-            text.place.clone(),
-            format!("{} does not know \"{}\"", self.named_key(key), text.value),
-            suggestion(text.value, &known, "write one of: "),
-        ));
-        None
-    }
-
     /// True while nothing has been reported anywhere in the document.
     pub(super) fn is_clean(&self) -> bool {
         self.reader.is_clean()
@@ -661,29 +448,9 @@ impl<'r> Section<'r> {
     }
 }
 
-/// A number as it is written.
-fn number_of(value: &DeValue<'_>) -> Option<f64> {
-    match value {
-        DeValue::Integer(i) => i.as_str().parse().ok(),
-        DeValue::Float(f) => f.as_str().parse().ok(),
-        _ => None,
-    }
-}
-
 /// Without the noise of a conversion.
 fn rounded(v: f64) -> f64 {
     format!("{v:.9e}").parse().unwrap_or(v)
-}
-
-fn kind_of(value: &DeValue<'_>) -> &'static str {
-    match value {
-        DeValue::String(_) => "a text",
-        DeValue::Integer(_) | DeValue::Float(_) => "a number",
-        DeValue::Boolean(_) => "true or false",
-        DeValue::Datetime(_) => "a date",
-        DeValue::Array(_) => "a list",
-        DeValue::Table(_) => "a table",
-    }
 }
 
 #[cfg(test)]
