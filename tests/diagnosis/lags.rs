@@ -35,7 +35,8 @@ const STEPS: usize = 40;
 
 /// A capture of two axes on circles at two feeds in both directions, with position loops of velocity gain `kv` (1/s) around velocity
 /// loops of time constant `inner_s`, `dead` cycles behind their set points; an infinite gain leaves the dead time alone.
-fn capture(kv: f64, inner_s: f64, dead: usize, seed: u64) -> String {
+/// The encoder of the first axis is behind a play of `play_mm`.
+fn capture(kv: f64, inner_s: f64, dead: usize, play_mm: f64, seed: u64) -> String {
     let mut path = vec![[100.0, 50.0]; 100];
     for (feed, sign) in [(30.0, 1.0), (30.0, -1.0), (120.0, 1.0), (120.0, -1.0)] {
         let (radius, mut way, mut speed) = (30.0, 0.0, 0.0);
@@ -53,7 +54,7 @@ fn capture(kv: f64, inner_s: f64, dead: usize, seed: u64) -> String {
     }
     let mut noise = normal(seed);
     let mut table = "CYCLE,DES_POS|1,ENC_POS|1,DES_POS|2,ENC_POS|2\n".to_owned();
-    let (mut at, mut speed) = (path[0], [0.0; 2]);
+    let (mut at, mut speed, mut load) = (path[0], [0.0; 2], path[0]);
     for (k, now) in path[1..].iter().enumerate() {
         let before = k.saturating_sub(dead);
         let pair = [path[before], path[before + usize::from(k >= dead)]];
@@ -76,7 +77,9 @@ fn capture(kv: f64, inner_s: f64, dead: usize, seed: u64) -> String {
                 at[axis] += dt * v;
                 speed[axis] += dt * a;
             }
-            write!(table, ",{:.6},{:.6}", now[axis], at[axis] + 3e-4 * noise()).unwrap();
+            let half = if axis == 0 { 0.5 * play_mm } else { 0.0 };
+            load[axis] = load[axis].clamp(at[axis] - half, at[axis] + half);
+            write!(table, ",{:.6},{:.6}", now[axis], load[axis] + 3e-4 * noise()).unwrap();
         }
         table.push('\n');
     }
@@ -94,7 +97,7 @@ fn position_loops_lag_and_nothing_else() {
         (6, 60.0, 3.0, 2),
         (7, f64::INFINITY, 0.0, 3),
     ] {
-        let table = capture(kv, 1e-3 * inner_ms, dead, seed);
+        let table = capture(kv, 1e-3 * inner_ms, dead, 0.0, seed);
         let found = diagnosed("c.csv", &table, &["--axes", "x=1,y=2"]);
         let all = declared(&found);
         assert!(
@@ -119,6 +122,20 @@ fn position_loops_lag_and_nothing_else() {
         }
         let left = found["shrink"]["rms_after_um"].as_f64().unwrap();
         assert!(left < 1.0, "{left} um of {}", found["shrink"]["rms_before_um"]);
+    }
+}
+
+#[test]
+fn play_behind_the_drive_is_a_backlash_and_nothing_else() {
+    for (seed, kv, dead, play_um) in [(11, f64::INFINITY, 3, 20.0), (12, 90.0, 1, 8.0)] {
+        let table = capture(kv, 0.0, dead, 1e-3 * play_um, seed);
+        let found = diagnosed("c.csv", &table, &["--axes", "x=1,y=2"]);
+        let all = declared(&found);
+        let servo = |label: &String| label == "latency" || label.starts_with("servo-mismatch");
+        let others: Vec<&String> = all.iter().filter(|label| !servo(label)).collect();
+        assert_eq!(others, ["backlash:x"], "{all:?}");
+        let width = parameter(&found, "backlash", "width_um");
+        assert!((width / play_um - 1.0).abs() < 0.03, "{width} for {play_um} um");
     }
 }
 

@@ -203,8 +203,8 @@ fn position_loop(
     if !axes.iter().all(known) {
         return None;
     }
-    // a position loop alone, a dead time alone
-    let begins: &[[f64; 2]] = if is_servo { &[[0.0, 1.0], [1.0, 0.5]] } else { &[[0.0, 1.0]] };
+    // a position loop alone, with a velocity loop, a dead time alone
+    let begins: &[[f64; 2]] = if is_servo { &[[0.0, 1.0], [0.0, 0.75], [1.0, 0.5]] } else { &[[0.0, 1.0]] };
     let found = begins.iter().map(|begin| response(is_servo, (axes, lag_ms), *begin, says));
     found.max_by(|a, b| a.0.total_cmp(&b.0))
 }
@@ -219,13 +219,10 @@ fn response(
 ) -> (f64, Shape) {
     // without a velocity loop the coefficient is largest
     let largest = |dead: f64| 1.0 - dead + 0.5 * dead * dead;
-    let possible = |[dead, second]: [f64; 2]| {
-        let dead = dead.clamp(0.0, 1.0);
-        [dead, second.clamp(largest(dead) - HALF * (1.0 - dead).powi(2), largest(dead))]
-    };
     let of = |lag_ms: f64, [dead, second]: [f64; 2]| {
         let rest = 1.0 - dead;
         let inner = if rest > 0.0 { (largest(dead) - second) / rest } else { 0.0 };
+        let inner = inner.clamp(0.0, HALF * rest);
         let times_ms = [dead * lag_ms, inner * lag_ms];
         Shape::Lag(forms::Lag::response(axes.to_vec(), lag_ms, times_ms))
     };
@@ -240,7 +237,7 @@ fn response(
                 break;
             }
             let near = [[-step, 0.0], [step, 0.0], [0.0, -step], [0.0, step]];
-            let near = near.map(|[d, s]| possible([at[0] + d, at[1] + s]));
+            let near = near.map(|[d, s]| [(at[0] + d).clamp(0.0, 1.0), at[1] + s]);
             let gains = near.into_iter().chain([at]).map(|a| (says(&of(lag_ms, a)).0, a));
             let best = gains.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(at, |best| best.1);
             if best == at {

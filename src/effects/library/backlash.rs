@@ -5,6 +5,8 @@ use crate::prelude::*;
 /// Transition lengths, mm, and the longest.
 const LENGTHS: [f64; 6] = [0.0, 0.05, 0.2, 0.6, 2.0, 6.0];
 const LONGEST_MM: f64 = 15.0;
+/// Lengths over which play is crossed, mm.
+const PLAYS: [f64; 3] = [0.004, 0.012, 0.036];
 /// Lengths of travel after a reversal that are drawn, in transition lengths.
 const DRAWN: f64 = 6.0;
 
@@ -22,7 +24,15 @@ pub(super) fn backlash(data: &Data, of: &Subject) -> Variants {
     if let (false, Some(frame)) = (axis.is_linear(), data.frame(axis)) {
         return Ok(vec![RotaryBacklash { frame }.into()]);
     }
-    Ok([false, true].into_iter().flat_map(|slope| grid(axis, &[axis], slope)).collect())
+    let mut shapes: Vec<Shape> =
+        [false, true].into_iter().flat_map(|slope| grid(axis, &[axis], slope)).collect();
+    if data.encoders_only {
+        // they read while the play is crossed, within a cycle or some
+        let play =
+            |length_mm| Backlash { axis, along: vec![axis], length_mm, slope: false, play: true }.into();
+        shapes.extend(PLAYS.map(play));
+    }
+    Ok(shapes)
 }
 
 /// Variants of `lateral-play`.
@@ -40,10 +50,11 @@ pub(super) fn lateral_play(data: &Data, of: &Subject) -> Variants {
 }
 
 fn grid(axis: Axis, along: &[Axis], slope: bool) -> [Shape; 6] {
-    LENGTHS.map(|length_mm| Backlash { axis, along: along.to_vec(), length_mm, slope }.into())
+    LENGTHS.map(|length_mm| Backlash { axis, along: along.to_vec(), length_mm, slope, play: false }.into())
 }
 
-/// `d_along = -w/2 dir (1 - exp(-s/length))`, times `1 + g x` where it has a slope.
+/// `d_along = -w/2 dir (1 - exp(-s/length))`, times `1 + g x` where it has a slope; play is crossed evenly instead, from the other
+/// side: `-w/2 dir min(1, 2 s/length - 1)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Backlash {
@@ -51,6 +62,8 @@ pub struct Backlash {
     pub along: Vec<Axis>,
     pub length_mm: f64,
     pub slope: bool,
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    pub play: bool,
 }
 
 impl Form for Backlash {
@@ -73,7 +86,11 @@ impl Form for Backlash {
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         let i = self.axis.slot();
         let (since, length) = (m.since_mm[i], self.length_mm);
-        let share = if length > 0.0 && since.is_finite() { 1.0 - (-since.abs() / length).exp() } else { 1.0 };
+        let share = match since.abs() / length {
+            way if self.play && way.is_finite() => (2.0 * way - 1.0).min(1.0),
+            way if length > 0.0 && way.is_finite() => 1.0 - (-way).exp(),
+            _ => 1.0,
+        };
         let v = -0.5 * m.direction[i] * share;
         let each = 1 + usize::from(self.slope);
         for (j, a) in self.along.iter().enumerate() {
@@ -100,7 +117,9 @@ impl Form for Backlash {
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         let (axis, slope) = (self.axis, self.slope);
-        let (law, unit) = (Law::Reversal { build_up: self.length_mm }, mm_from_um(1.0));
+        // play is crossed at once where the axis turns round
+        let build_up = if self.play { 0.0 } else { self.length_mm };
+        let (law, unit) = (Law::Reversal { build_up }, mm_from_um(1.0));
         let each = 1 + usize::from(slope);
         let term = |(j, a): (usize, &Axis)| {
             let symbol = shift(*a, axis);
