@@ -108,6 +108,12 @@ fn position_loops_lag_and_nothing_else() {
         let (lag, dead_ms) = (parameter(&found, effect, "lag_ms"), 1e3 * CYCLE_S * dead as f64);
         let total = dead_ms + 1e3 / kv;
         assert!((lag / total - 1.0).abs() < 5e-3, "{lag} for {total} ms");
+        let left = found["shrink"]["rms_after_um"].as_f64().unwrap();
+        assert!(left < 1.0, "{left} um of {}", found["shrink"]["rms_before_um"]);
+        if dead > 0 && inner_ms > 0.0 {
+            // dead time and velocity loop together are known, not each
+            continue;
+        }
         if kv.is_finite() {
             let gain = parameter(&found, effect, "velocity_gain_per_s");
             assert!((gain / kv - 1.0).abs() < 0.05, "{gain} for {kv} 1/s, {inner_ms} ms, {dead} cycles");
@@ -120,8 +126,6 @@ fn position_loops_lag_and_nothing_else() {
             let found = parameter(&found, effect, "dead_time_ms");
             assert!((found - dead_ms).abs() < 0.1 * total, "{found} for {dead_ms} ms");
         }
-        let left = found["shrink"]["rms_after_um"].as_f64().unwrap();
-        assert!(left < 1.0, "{left} um of {}", found["shrink"]["rms_before_um"]);
     }
 }
 

@@ -368,7 +368,7 @@ mod tests {
         for part in [
             "machine.toml: ok",
             "axis X: offset up to 50 µm, warning at 40 µm",
-            "[engine] start on-command (default), ramp-s 3 s (stated), stale-ms 20 ms (default), hold-s 0.2 s (default)",
+            "[engine] start on-command (default), limit-time control (default), ramp-s 3 s (stated), stale-ms 20 ms (default), hold-s 0.2 s (default)",
             "[axes.x] step-um 0.2 µm (default), stop-um 150 µm (default), jump-mm 2 mm = 120 m/min (default)",
             "chain [w b X Y t]",
             "exx  table  0 to 400 mm    0.00    80.00  80.00  µm",
