@@ -151,7 +151,8 @@ struct Test<'a> {
 
 impl<'a> Test<'a> {
     fn of(readings: &'a [Reading]) -> Option<Self> {
-        if readings.is_empty() || readings.len() > READINGS_MAX {
+        let of_one_cycle = readings.iter().all(|r| r.cycle == readings[0].cycle);
+        if of_one_cycle || readings.len() > READINGS_MAX {
             return None;
         }
         if readings.iter().any(|r| !(r.position.is_finite() && r.value.is_finite())) {

@@ -20,6 +20,9 @@ const PLACES: u32 = 40;
 const SECOND_DIFFERENCE: f64 = 6.0;
 /// `4/120`: square of the error between two targets over that of the neighbours' mean at a target left out.
 const BETWEEN_TARGETS: f64 = 1.0 / 30.0;
+/// Neighbours whose second differences are taken together, and most such stretches of a direction.
+const STRETCH: usize = 64;
+const STRETCHES: usize = 4;
 /// Fewest residuals whose second differences say anything.
 const DIFFERENCES_MIN: usize = 5;
 
@@ -52,10 +55,16 @@ fn second_differences(data: &Data, fit: &CurveFit) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0usize);
     for travel in [Travel::Forward, Travel::Reverse] {
         let residual = |c: &&Cell| c.mean - fit.value(data.positions[c.group], travel);
-        let residuals: Vec<f64> = data.of(travel).iter().flatten().map(residual).collect();
-        for w in residuals.windows(3) {
-            sum += (w[0] - 2.0 * w[1] + w[2]).powi(2);
-            count += 1;
+        let cells: Vec<&Cell> = data.of(travel).iter().flatten().copied().collect();
+        // of a dense scan some stretches tell enough
+        let is_dense = cells.len() > STRETCH * STRETCHES;
+        let stretches = cells.chunks(if is_dense { STRETCH } else { cells.len().max(1) });
+        for stretch in stretches.step_by(cells.len().div_ceil(STRETCH * STRETCHES).max(1)) {
+            let residuals: Vec<f64> = stretch.iter().map(residual).collect();
+            for w in residuals.windows(3) {
+                sum += (w[0] - 2.0 * w[1] + w[2]).powi(2);
+                count += 1;
+            }
         }
     }
     (count >= DIFFERENCES_MIN).then(|| sum / (SECOND_DIFFERENCE * count as f64))
