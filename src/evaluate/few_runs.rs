@@ -13,6 +13,8 @@
 //!
 //! Source: Andrews and Guggenberger 2009 (least favourable cases of maxima); Efron and Tibshirani 1993, 6.5 (parametric simulation).
 
+use volcomp_model::random::SplitMix64;
+
 use super::positioning::{AtTarget, Bidirectional, Spread, Unidirectional, bidirectional, unidirectional};
 
 /// Simulated tests at most, and at least where targets are many.
@@ -51,33 +53,22 @@ pub(super) struct Intervals {
     pub(super) backward: Option<[FewRuns; 3]>,
 }
 
-/// SplitMix64 and Box-Muller: the same numbers on every machine.
-struct Random(u64);
+/// Random figures of readings.
+struct Random(SplitMix64);
 
 impl Random {
-    fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let h = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let h = (h ^ (h >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (((h ^ (h >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * self.even().ln()).sqrt() * (core::f64::consts::TAU * self.even()).cos()
-    }
-
     /// Root of chi-square over its degrees of freedom.
     fn relative_s(&mut self, dof: usize) -> f64 {
         let k = dof as f64;
         if dof <= FEW {
-            return ((0..dof).map(|_| self.normal().powi(2)).sum::<f64>() / k).sqrt();
+            return ((0..dof).map(|_| self.0.normal().powi(2)).sum::<f64>() / k).sqrt();
         }
         // Wilson and Hilferty
-        (1.0 - 2.0 / (9.0 * k) + (2.0 / (9.0 * k)).sqrt() * self.normal()).max(0.0).powf(1.5)
+        (1.0 - 2.0 / (9.0 * k) + (2.0 / (9.0 * k)).sqrt() * self.0.normal()).max(0.0).powf(1.5)
     }
 
     fn noise(&mut self, of: Option<&Spread>) -> Noise {
-        of.map_or((0.0, 1.0), |p| (of_mean(p).sqrt() * self.normal(), self.relative_s(p.n.max(2) - 1)))
+        of.map_or((0.0, 1.0), |p| (of_mean(p).sqrt() * self.0.normal(), self.relative_s(p.n.max(2) - 1)))
     }
 }
 
@@ -104,7 +95,7 @@ pub(super) fn intervals(targets: &[AtTarget], first_order: impl Fn(&[AtTarget]) 
     let by_mean = if is_both { level_means(&shrunk) } else { Vec::new() };
     let by_direction = level_all(&shrunk);
     let tests = (CELLS / spreads.len().max(1)).clamp(TESTS[1], TESTS[0]);
-    let mut random = Random(SEED);
+    let mut random = Random(SplitMix64(SEED));
     let mut simulated = Simulated::default();
     for _ in 0..tests {
         let noise: Vec<[Noise; 2]> =
@@ -121,10 +112,10 @@ pub(super) fn intervals(targets: &[AtTarget], first_order: impl Fn(&[AtTarget]) 
             }
         }
     }
-    let one = |side: usize, variances: Option<[f64; 3]>| {
-        let [measured, truth] = [targets, &by_direction[..]].map(|of| of_side(of, side));
-        let (measured, truth) = (of_one(&unidirectional(&measured)), of_one(&unidirectional(&truth)));
-        variances.map(|v| interval(measured, truth, v, &simulated.one[side]))
+    let one = |side: usize, variances: [f64; 3]| {
+        let [measured, truth] =
+            [targets, &by_direction[..]].map(|of| of_one(&unidirectional(&of_side(of, side))));
+        interval(measured, truth, variances, &simulated.one[side])
     };
     let both = |targets: &[AtTarget]| bidirectional(&of_side(targets, 0), &of_side(targets, 1));
     Intervals {
@@ -132,8 +123,8 @@ pub(super) fn intervals(targets: &[AtTarget], first_order: impl Fn(&[AtTarget]) 
             let [r, m, d] = [&by_reversal, &by_mean, &by_direction].map(|t| both(t));
             interval(of_both(&both(targets)), [r.b, r.r, d.e, m.m, d.a], v, &simulated.both)
         }),
-        forward: variances.forward.and_then(|v| one(0, Some(v))),
-        backward: variances.backward.and_then(|v| one(1, Some(v))),
+        forward: variances.forward.map(|v| one(0, v)),
+        backward: variances.backward.map(|v| one(1, v)),
     }
 }
 
@@ -289,7 +280,7 @@ mod tests {
         let truth = truth(shape, sigma);
         let mut held = [0.0; 5];
         for seed in 0..seeds {
-            let mut random = Random(seed.wrapping_mul(104_729) + 7);
+            let mut random = SplitMix64(seed.wrapping_mul(104_729) + 7);
             let mut readings = Vec::new();
             for _ in 0..cycles {
                 for i in 0..TARGETS {

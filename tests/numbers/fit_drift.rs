@@ -10,22 +10,7 @@ use core::f64::consts::TAU;
 use volcomp::identify::Reading;
 use volcomp::identify::curve::{Basis, Course, CurveFit, Drift, Request, fit};
 use volcomp::model::axes::Travel;
-
-/// SplitMix64 and Box-Muller.
-struct Random(u64);
-
-impl Random {
-    fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let h = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let h = (h ^ (h >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (((h ^ (h >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * self.even().ln()).sqrt() * (TAU * self.even()).cos()
-    }
-}
+use volcomp::model::random::SplitMix64 as Random;
 
 const SEEDS: u64 = 200;
 const TARGETS: u32 = 11;

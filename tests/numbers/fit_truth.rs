@@ -11,26 +11,7 @@ use core::f64::consts::{PI, TAU};
 use volcomp::identify::Reading;
 use volcomp::identify::curve::{Basis, FitError, Note, Period, Request, Reversal, Smoothing, fit};
 use volcomp::model::axes::Travel;
-
-/// SplitMix64 and Box-Muller: the same numbers everywhere.
-struct Random(u64);
-
-impl Random {
-    fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let h = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let h = (h ^ (h >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (((h ^ (h >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.even()
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * self.even().ln()).sqrt() * (TAU * self.even()).cos()
-    }
-}
+use volcomp::model::random::SplitMix64 as Random;
 
 fn at(position: f64, value: f64, travel: Travel, cycle: u32) -> Reading {
     Reading { cycle, travel, position, value }

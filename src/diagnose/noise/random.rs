@@ -1,9 +1,11 @@
 //! Seeded random numbers, the same on every machine: SplitMix64 and the polar method.
 
+use volcomp_model::random::SplitMix64;
+
 /// A generator.
 #[derive(Debug, Clone)]
 pub struct Random {
-    state: u64,
+    source: SplitMix64,
     spare: Option<f64>,
 }
 
@@ -11,21 +13,12 @@ impl Random {
     /// Starts from a seed.
     #[must_use]
     pub const fn new(seed: u64) -> Self {
-        Self { state: seed ^ 0x9E37_79B9_7F4A_7C15, spare: None }
-    }
-
-    /// 64 random bits.
-    pub fn bits(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
+        Self { source: SplitMix64(seed ^ 0x9E37_79B9_7F4A_7C15), spare: None }
     }
 
     /// Uniform in 0 to 1, without 1.
     pub fn uniform(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+        (self.source.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// A whole number below `n`.

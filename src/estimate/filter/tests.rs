@@ -2,6 +2,7 @@
 
 use super::super::noise::Adaptation;
 use super::*;
+use volcomp_model::random::SplitMix64 as Random;
 
 fn grid() -> NodeGrid {
     NodeGrid::new(vec![0.0, 400.0, 800.0], vec![0.0, 300.0], vec![0.0, 250.0]).unwrap()
@@ -11,24 +12,8 @@ fn open() -> Rules {
     Rules { gate: f64::INFINITY, cap_at_prior: false, ..Rules::default() }
 }
 
-/// Even numbers between 0 and 1.
-struct Random(u64);
-
-impl Random {
-    fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let h = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let h = (h ^ (h >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (((h ^ (h >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * self.even().ln()).sqrt() * (core::f64::consts::TAU * self.even()).cos()
-    }
-
-    fn point(&mut self) -> [f64; 3] {
-        [800.0 * self.even(), 300.0 * self.even(), 250.0 * self.even()]
-    }
+fn point(random: &mut Random) -> [f64; 3] {
+    [800.0 * random.even(), 300.0 * random.even(), 250.0 * random.even()]
 }
 
 fn seen(grid: &NodeGrid, point: [f64; 3], weights: &[f64], value: f64) -> Observation {
@@ -50,7 +35,7 @@ fn one_reading_after_the_other_is_the_least_squares_of_all() {
     let (mut information, mut right) = (p0.clone().try_inverse().unwrap(), DVector::zeros(n));
     for i in 0..40 {
         let weights = [random.normal(), random.normal()];
-        let o = seen(&g, random.point(), &weights, 3.0 * random.normal());
+        let o = seen(&g, point(&mut random), &weights, 3.0 * random.normal());
         let mut h = DVector::zeros(n);
         for (c, w) in weights.iter().enumerate() {
             for (node, shape) in o.place.nodes.iter().zip(&o.place.shape) {
@@ -81,7 +66,7 @@ fn the_covariance_stays_symmetric_and_positive_over_many_updates() {
     let mut noise = MeasurementNoise::new(1e-6, None).unwrap();
     let mut random = Random(9);
     for i in 0..3000 {
-        let o = seen(&g, random.point(), &[1.0], 1e-3 * random.normal());
+        let o = seen(&g, point(&mut random), &[1.0], 1e-3 * random.normal());
         filter.update(&o, &mut noise);
         filter.predict(0.1);
         if i % 500 == 0 {
@@ -173,7 +158,7 @@ fn the_variance_of_the_sensor_is_found_from_starts_wrong_by_five() {
             let map: Vec<f64> = (0..12).map(|_| random.normal()).collect();
             let mut tail = 0.0;
             for i in 0..600 {
-                let place = g.place(random.point());
+                let place = g.place(point(&mut random));
                 let value: f64 = place.nodes.iter().zip(&place.shape).map(|(n, s)| s * map[*n]).sum::<f64>();
                 let o = Observation {
                     nuisance: None,
@@ -208,7 +193,7 @@ fn the_innovation_is_as_large_as_the_filter_says() {
         let mut map = p0.cholesky().unwrap().l() * z;
         let mut noise = MeasurementNoise::new(0.25, None).unwrap();
         for _ in 0..40 {
-            let place = g.place(random.point());
+            let place = g.place(point(&mut random));
             let value: f64 = place.nodes.iter().zip(&place.shape).map(|(n, s)| s * map[*n]).sum();
             let o = Observation {
                 nuisance: None,
@@ -272,7 +257,7 @@ fn what_was_kept_comes_back_and_nonsense_does_not() {
     let mut noise = MeasurementNoise::new(0.01, None).unwrap();
     let mut random = Random(5);
     for _ in 0..50 {
-        let o = seen(&g, random.point(), &[1.0], 1.5);
+        let o = seen(&g, point(&mut random), &[1.0], 1.5);
         filter.update(&o, &mut noise);
     }
     let state = filter.state().to_vec();
@@ -326,7 +311,8 @@ fn a_number_beside_the_map_is_told_from_it() {
             filter.predict(0.1);
             let speed = random.normal();
             let value = 1.0 + 2.5 * speed + 0.1 * random.normal();
-            let o = Observation { nuisance: Some((delay, speed)), ..seen(&g, random.point(), &[1.0], value) };
+            let o =
+                Observation { nuisance: Some((delay, speed)), ..seen(&g, point(&mut random), &[1.0], value) };
             filter.update(&o, &mut noise);
         }
         let (value, std) = filter.nuisance(delay);
