@@ -31,6 +31,7 @@ use super::signals::{self, STOP_LIMIT};
 use super::state_writer::StateWriter;
 use super::sync::Mutex;
 use super::worker::Worker;
+use volcomp_config::machine::is_this_computer;
 use volcomp_config::{MachineConfig, Policy};
 use volcomp_units::axes::AxisKind;
 use volcomp_units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};
@@ -229,7 +230,7 @@ fn http_listener(config: &MachineConfig) -> Result<Option<TcpListener>, DaemonEr
     let listener = TcpListener::bind(address)
         .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
         .map_err(|source| DaemonError::HttpSocket { address, source })?;
-    if config.http.plain_remote && !address.ip().to_canonical().is_loopback() {
+    if config.http.plain_remote && !is_this_computer(address.ip()) {
         warn!(%address, "plain-remote: whoever reaches this port can see the state of the machine");
     }
     let commands = if config.http.token_file.is_some() { "with the token" } else { "none" };
@@ -293,7 +294,7 @@ async fn live(
     let listener = Listener::bind(address, readings, dropped, known, (clock, time), idle)
         .await
         .map_err(|source| DaemonError::SensorSocket { address, source })?;
-    if config.plain_remote && !address.ip().to_canonical().is_loopback() {
+    if config.plain_remote && !is_this_computer(address.ip()) {
         warn!(%address, "plain-remote: anyone who reaches this port can send live values, within the limits of the model");
     }
     Ok((Some(sensors), Some(listener)))

@@ -4,6 +4,7 @@ use core::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
 use super::http::read_listen;
+use super::is_this_computer;
 use super::tls::is_host;
 use crate::diagnostic::Diagnostic;
 use crate::reader::{Allowed, Section};
@@ -58,7 +59,7 @@ fn read_broker(mqtt: &Section<'_>, plain_remote: bool) -> Option<(String, u16)> 
         ));
         return None;
     };
-    let here = host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.to_canonical().is_loopback());
+    let here = host == "localhost" || host.parse::<IpAddr>().is_ok_and(is_this_computer);
     if !here && !plain_remote {
         mqtt.report(Diagnostic::at(
             text.place,

@@ -3,6 +3,7 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::is_this_computer;
 use super::tls::is_host;
 use crate::diagnostic::Diagnostic;
 use crate::reader::Section;
@@ -31,7 +32,7 @@ pub(super) fn read_http(http: &Section<'_>) -> HttpConfig {
     let listen = read_listen(http, plain_remote, "7870", "HTTP has");
     let path = |key| http.text(key).map(|t| t.value).filter(|t| !t.is_empty()).map(PathBuf::from);
     let (token_file, verification) = (path("token-file"), path("verification"));
-    if let Some(address) = listen.filter(|a| token_file.is_some() && !a.ip().to_canonical().is_loopback()) {
+    if let Some(address) = listen.filter(|a| token_file.is_some() && !is_this_computer(a.ip())) {
         http.report_here(
             format!("http.token-file and http.listen {address}: the token would cross the network unencrypted"),
             "listen on 127.0.0.1 and forward by ssh or a reverse proxy with TLS; or leave token-file out, for a page that can only be read",
@@ -59,7 +60,7 @@ pub(super) fn read_listen(
         ));
         return None;
     };
-    if !plain_remote && !address.ip().to_canonical().is_loopback() {
+    if !plain_remote && !is_this_computer(address.ip()) {
         section.report(Diagnostic::at(
             text.place,
             format!("{key} {address} serves other computers, and {lacks} neither authentication nor encryption"),

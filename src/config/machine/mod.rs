@@ -13,7 +13,7 @@ pub use sensors::SensorsConfig;
 pub use tls::TlsConfig;
 
 use core::fmt;
-use core::net::SocketAddr;
+use core::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
 use super::diagnostic::ConfigErrors;
@@ -111,8 +111,14 @@ impl LinkConfig {
     /// True where the control is on another computer.
     #[must_use]
     pub fn is_remote(&self) -> bool {
-        !self.address.ip().to_canonical().is_loopback()
+        !is_this_computer(self.address.ip())
     }
+}
+
+/// True for an address that only this computer reaches.
+#[must_use]
+pub const fn is_this_computer(ip: IpAddr) -> bool {
+    ip.to_canonical().is_loopback()
 }
 
 /// When compensation starts.

@@ -2,6 +2,7 @@
 
 use core::net::SocketAddr;
 
+use super::is_this_computer;
 use super::read::within;
 use crate::diagnostic::Diagnostic;
 use crate::reader::{Allowed, Placed, Section};
@@ -71,9 +72,7 @@ pub(super) fn read_sensors(top: &Section<'_>) -> SensorsConfig {
     let general = top.section("sensors");
     let listen = read_listen(&general, !sensors.is_empty());
     let plain_remote = general.flag("plain-remote").unwrap_or(false);
-    if let Some(listen) =
-        listen.as_ref().filter(|l| !(plain_remote || l.value.ip().to_canonical().is_loopback()))
-    {
+    if let Some(listen) = listen.as_ref().filter(|l| !(plain_remote || is_this_computer(l.value.ip()))) {
         general.report(Diagnostic::at(
             listen.place.clone(),
             format!("sensors.listen {} accepts connections from other computers, and anyone there could send live values", listen.value),

@@ -4,6 +4,7 @@
 use core::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
+use super::is_this_computer;
 use crate::diagnostic::Diagnostic;
 use crate::reader::{Placed, Section};
 
@@ -79,7 +80,7 @@ pub(super) fn is_host(name: &str) -> bool {
 
 /// Reports a link that would cross a network without protection and without permission.
 pub(super) fn check_remote(link: &Section<'_>, address: &Placed<SocketAddr>, tls: bool, plain_remote: bool) {
-    if tls || plain_remote || address.value.ip().to_canonical().is_loopback() {
+    if tls || plain_remote || is_this_computer(address.value.ip()) {
         return;
     }
     link.report(Diagnostic::at(
