@@ -44,9 +44,10 @@ pub use plan::plan;
 pub use predict::{PredictError, predict};
 pub use volcomp_effects::{addition, machine_state};
 
-/// The machine state under the name that this crate uses.
+/// The machine state under the name that this crate uses, and what it follows.
 mod moment {
     pub(crate) use volcomp_effects::machine_state::{MachineState as Moment, *};
+    pub(crate) use volcomp_effects::{Follower, Signal};
 }
 
 /// Something taken away from the method, to prove that tests of it can fail.

@@ -5,9 +5,8 @@ mod facts;
 mod tests;
 
 use super::constants::WHOLE;
-use super::moment::Axis;
+use super::moment::{Axis, Signal};
 use super::session::Session;
-use volcomp_effects::Signal;
 
 pub use volcomp_effects::{
     EFFECTS, Effect, Kind, Label, LabelError, Lever, Measurement, PROCEDURES, Procedure, REFERENCE_DEGC,

@@ -5,11 +5,10 @@ use std::collections::BTreeMap;
 use super::super::addition::{Addition, Entry, FORMAT};
 use super::super::decision::Assessed;
 use super::super::library::Shape;
-use super::super::moment::Source;
+use super::super::moment::{Signal, Source};
 use super::super::offsets::{rms, without_offsets};
 use super::super::session::Session;
 use super::super::{Analysis, Options, is_predictable, raw_of};
-use volcomp_effects::Signal;
 
 /// Ranges of the data by column.
 fn valid(session: &Session) -> BTreeMap<String, [f64; 2]> {

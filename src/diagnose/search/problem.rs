@@ -7,13 +7,12 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{BLOCKS_MIN, MOVES, SEEN};
 use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
-use super::super::moment::{Axis, Moment, SLOTS};
+use super::super::moment::{Axis, Moment, SLOTS, Signal};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::data_partition::{Places, blocks, programs};
 use super::pivoted_cholesky::Factor;
 use super::variation::Variation;
-use volcomp_effects::Signal;
 use volcomp_model::geometry::Vec3;
 
 /// Readings, columns and what was computed of them.

@@ -11,7 +11,7 @@ use super::problem::Problem;
 pub(super) const STEPS: [f64; 6] = [0.25, 0.12, 0.05, 0.02, 0.008, 0.003];
 
 /// Most moves of one step of the search for a response.
-const MOVES: usize = 4;
+const RESPONSE_MOVES: usize = 4;
 /// A velocity loop that lags by more of the lag of its position loop lets it oscillate.
 const HALF: f64 = 0.5;
 
@@ -227,7 +227,7 @@ fn response(
         Shape::Lag(forms::Lag::response(axes.to_vec(), lag_ms, times_ms))
     };
     for step in STEPS {
-        for _ in 0..if is_servo { MOVES } else { 1 } {
+        for _ in 0..RESPONSE_MOVES {
             let found_ms = says(&of(lag_ms, at)).1;
             if found_ms <= 0.0 {
                 break;

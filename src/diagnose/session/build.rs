@@ -385,9 +385,12 @@ impl<'a> Part<'a> {
             }
             let given: Option<Vec<f64>> = direction.map(|d| samples.iter().map(|s| d[s.first]).collect());
             // the control's own encoders tell how late the axis follows: it turns round when it does, not when it is told to
-            let lag_s = if of_control && fast { self.lag_s(axis, &samples, &v) } else { 0.0 };
-            let travel =
-                motion::travel(&samples, &motion::behind(&samples, &places, lag_s), given.as_deref());
+            let reached = if of_control && fast && axis.is_linear() {
+                motion::behind(&samples, &places, self.lag_s(axis, &samples, &v))
+            } else {
+                places
+            };
+            let travel = motion::travel(&samples, &reached, given.as_deref());
             for (k, s) in samples.iter().enumerate() {
                 for i in s.first..s.end {
                     let still = moving.is_some_and(|m| m[i] == 0.0);
@@ -426,13 +429,13 @@ impl<'a> Part<'a> {
         Ok(())
     }
 
-    /// How long after its command an axis gets there: the least-squares slope of its following error over the velocity, s.
+    /// How long after its command a linear axis gets there: the least-squares slope of its following error over the velocity, s.
     fn lag_s(&self, axis: Axis, samples: &[motion::Sample], velocity: &[f64]) -> f64 {
         let deviation = self.raw.column("deviation_um").unwrap_or(&[]);
         let (mut product, mut square) = (0.0, 0.0);
         for (s, v) in samples.iter().zip(velocity) {
             for i in (s.first..s.end).filter(|i| deviation[*i].is_finite()) {
-                let along = if axis.is_linear() { self.moments[i].u[axis.slot()] } else { 0.0 };
+                let along = self.moments[i].u[axis.slot()];
                 product -= deviation[i] * 1e-3 * v * along;
                 square += (v * along).powi(2);
             }

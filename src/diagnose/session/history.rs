@@ -5,8 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::moment::{Moment, Source};
-use volcomp_effects::{Follower, Signal};
+use super::super::moment::{Follower, Moment, Signal, Source};
 
 /// Per file and source: times and values, in order.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -16,8 +16,7 @@ mod tests;
 mod times;
 
 use super::constants::{MOVES, ROWS, SEES};
-use super::moment::{Axis, Machine, Moment};
-use volcomp_effects::Signal;
+use super::moment::{Axis, Machine, Moment, Signal};
 
 pub use history::History;
 pub use times::Times;

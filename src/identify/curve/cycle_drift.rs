@@ -100,8 +100,7 @@ pub(super) fn analyse(readings: &[Reading], wanted: Drift) -> Effects {
     if !(significant || wanted == Drift::Subtract) {
         return offsets_only();
     }
-    let mut courses = vec![(Course::Linear, test.fitted(trend.clone(), &[true, true]))];
-    courses.push((Course::Walk, walk));
+    let mut courses = vec![(Course::Linear, test.fitted(trend.clone(), &[true, true])), (Course::Walk, walk)];
     if wanted != Drift::Subtract {
         courses.push((Course::Steps, steps.clone()));
     }
