@@ -35,6 +35,9 @@ const KNOWN: [&str; 18] = [
     "outlier",
 ];
 
+/// Lags after which an axis follows its command alone: `exp(-10)` is left of some mm.
+const SETTLED_LAGS: f64 = 10.0;
+
 /// One file while it is built.
 struct Part<'a> {
     raw: &'a Raw,
@@ -47,6 +50,8 @@ struct Part<'a> {
     times: Times,
     /// Time, s, and commanded velocity, mm/s, of the linear axes where samples follow each other fast.
     velocities: [Vec<(f64, f64)>; 3],
+    /// Rows of an encoder whose axis still follows what it did before the run begins.
+    unsettled: Vec<bool>,
 }
 
 impl Session {
@@ -144,10 +149,16 @@ impl Session {
         let pair = raw.column("pair");
         let marked = raw.column("outlier");
         let before = self.readings.len();
-        let mut lost = 0;
+        let (mut lost, mut unsettled) = (0, 0);
+        // short parts would leave nothing
+        let settles = 2 * part.unsettled.iter().filter(|u| **u).count() < part.unsettled.len();
         for (i, m) in part.moments.into_iter().enumerate() {
             if !deviation[i].is_finite() {
                 lost += 1;
+                continue;
+            }
+            if settles && part.unsettled[i] {
+                unsettled += 1;
                 continue;
             }
             let name = raw.instruments.get(i).map_or("", String::as_str);
@@ -188,9 +199,16 @@ impl Session {
             column.resize(self.readings.len(), f64::NAN);
         }
         if lost > 0 {
-            let of = self.readings.len() - before + lost;
+            let of = self.readings.len() - before + lost + unsettled;
             self.notes.push(Note::new(format!(
                 "{}: {lost} of {of} readings are lost (empty deviation_um)",
+                raw.file
+            )));
+        }
+        if unsettled > 0 {
+            self.notes.push(Note::new(format!(
+                "{}: {unsettled} readings within {SETTLED_LAGS} lags of the begin of an uninterrupted part are left out: they depend \
+                on motion that is not recorded",
                 raw.file
             )));
         }
@@ -300,6 +318,7 @@ impl<'a> Part<'a> {
             moving: false,
             times,
             velocities,
+            unsettled: vec![false; n],
         }
     }
 
@@ -386,7 +405,9 @@ impl<'a> Part<'a> {
             let given: Option<Vec<f64>> = direction.map(|d| samples.iter().map(|s| d[s.first]).collect());
             // the control's own encoders tell how late the axis follows: it turns round when it does, not when it is told to
             let reached = if of_control && fast && axis.is_linear() {
-                motion::behind(&samples, &places, self.lag_s(axis, &samples, &v))
+                let lag_s = self.lag_s(axis, &samples, &v);
+                self.mark_unsettled(axis, &samples, lag_s);
+                motion::behind(&samples, &places, lag_s)
             } else {
                 places
             };
@@ -441,6 +462,15 @@ impl<'a> Part<'a> {
             }
         }
         if square > 0.0 { (product / square).max(0.0) } else { 0.0 }
+    }
+
+    /// What a lag does depends on the motion before the first sample of a run, which nobody recorded.
+    fn mark_unsettled(&mut self, axis: Axis, samples: &[motion::Sample], lag_s: f64) {
+        let Some(start_s) = samples.first().map(|s| s.t) else { return };
+        let rows = samples.iter().take_while(|s| s.t - start_s < SETTLED_LAGS * lag_s);
+        for i in rows.flat_map(|s| s.first..s.end) {
+            self.unsettled[i] |= self.moments[i].u[axis.slot()] != 0.0;
+        }
     }
 
     /// Notes on what was derived.
