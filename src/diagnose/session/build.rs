@@ -11,7 +11,7 @@ use super::{
     is_ballbar, is_encoder, times,
 };
 use volcomp_model::geometry::Vec3;
-use volcomp_units::RAD_PER_DEG;
+use volcomp_units::{RAD_PER_DEG, mm_from_um};
 
 /// Columns with a meaning; others are kept for localisation.
 const KNOWN: [&str; 18] = [
@@ -405,9 +405,11 @@ impl<'a> Part<'a> {
             let given: Option<Vec<f64>> = direction.map(|d| samples.iter().map(|s| d[s.first]).collect());
             // the control's own encoders tell how late the axis follows: it turns round when it does, not when it is told to
             let reached = if of_control && fast && axis.is_linear() {
-                let lag_s = self.lag_s(axis, &samples, &v);
-                self.mark_unsettled(axis, &samples, lag_s);
-                motion::behind(&samples, &places, lag_s)
+                let following = self.following(axis, &samples);
+                let lag_s = motion::lag_s(&following, &v);
+                let settled_s = samples.first().map_or(0.0, |s| s.t) + SETTLED_LAGS * lag_s;
+                self.mark_unsettled(axis, &samples, settled_s);
+                motion::reached(axis, &samples, &places, &following, [lag_s, settled_s])
             } else {
                 places
             };
@@ -450,25 +452,18 @@ impl<'a> Part<'a> {
         Ok(())
     }
 
-    /// How long after its command a linear axis gets there: the least-squares slope of its following error over the velocity, s.
-    fn lag_s(&self, axis: Axis, samples: &[motion::Sample], velocity: &[f64]) -> f64 {
+    /// What the encoder of a linear axis sees it behind its command by at each sample, mm; NaN where it is not read.
+    fn following(&self, axis: Axis, samples: &[motion::Sample]) -> Vec<f64> {
         let deviation = self.raw.column("deviation_um").unwrap_or(&[]);
-        let (mut product, mut square) = (0.0, 0.0);
-        for (s, v) in samples.iter().zip(velocity) {
-            for i in (s.first..s.end).filter(|i| deviation[*i].is_finite()) {
-                let along = self.moments[i].u[axis.slot()];
-                product -= deviation[i] * 1e-3 * v * along;
-                square += (v * along).powi(2);
-            }
-        }
-        if square > 0.0 { (product / square).max(0.0) } else { 0.0 }
+        let along = |i: &usize| self.moments[*i].u[axis.slot()];
+        let row =
+            |s: &motion::Sample| (s.first..s.end).find(|i| along(i) != 0.0 && deviation[*i].is_finite());
+        samples.iter().map(|s| row(s).map_or(f64::NAN, |i| -mm_from_um(deviation[i]) / along(&i))).collect()
     }
 
     /// What a lag does depends on the motion before the first sample of a run, which nobody recorded.
-    fn mark_unsettled(&mut self, axis: Axis, samples: &[motion::Sample], lag_s: f64) {
-        let Some(start_s) = samples.first().map(|s| s.t) else { return };
-        let rows = samples.iter().take_while(|s| s.t - start_s < SETTLED_LAGS * lag_s);
-        for i in rows.flat_map(|s| s.first..s.end) {
+    fn mark_unsettled(&mut self, axis: Axis, samples: &[motion::Sample], settled_s: f64) {
+        for i in samples.iter().take_while(|s| s.t < settled_s).flat_map(|s| s.first..s.end) {
             self.unsettled[i] |= self.moments[i].u[axis.slot()] != 0.0;
         }
     }

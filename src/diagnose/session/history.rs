@@ -56,29 +56,35 @@ impl History {
             let file = moments[at].file;
             let end = moments[at..].iter().position(|m| m.file != file).map_or(moments.len(), |n| at + n);
             let series = self.series.get(&(file, signal.source.clone()))?;
-            follow(series, signal, &moments[at..end], &mut out);
+            out.extend(along_log(series, signal, moments[at..end].iter().map(|m| m.t_s)));
             at = end;
         }
         Some(out)
     }
 }
 
-fn follow(series: &[(f64, f64)], signal: &Signal, moments: &[Moment], out: &mut Vec<f64>) {
+/// A signal along a log, at times that do not go back.
+pub(super) fn along_log(
+    series: &[(f64, f64)],
+    signal: &Signal,
+    times: impl IntoIterator<Item = f64>,
+) -> Vec<f64> {
     let mut follower = Follower::new(signal.clone());
     let (mut last, mut next) = ((f64::NEG_INFINITY, f64::NAN), 0);
-    for m in moments {
-        while next < series.len() && (next == 0 || series[next].0 <= m.t_s) {
+    let value = |t_s: f64| {
+        while next < series.len() && (next == 0 || series[next].0 <= t_s) {
             last = series[next];
             follower.push(last.0, last.1);
             next += 1;
         }
         // between two entries of the log the source goes straight from one to the other
         let now = match series.get(next) {
-            Some(&(t1, v1)) if t1 > last.0 && m.t_s > last.0 => {
-                last.1 + (v1 - last.1) * (m.t_s - last.0) / (t1 - last.0)
+            Some(&(t1, v1)) if t1 > last.0 && t_s > last.0 => {
+                last.1 + (v1 - last.1) * (t_s - last.0) / (t1 - last.0)
             }
             _ => last.1,
         };
-        out.push(follower.at(m.t_s, now));
-    }
+        follower.at(t_s, now)
+    };
+    times.into_iter().map(value).collect()
 }

@@ -5,6 +5,8 @@
 //! slower rows are readings at standstill. Nothing is differentiated across a gap.
 
 use super::super::constants::{ACCELERATION_NOISE, FAST_MOVING_S, FAST_S, FEW, ROWS};
+use super::super::moment::{Axis, Signal, Source};
+use super::history::along_log;
 
 /// A step of time above so many medians is a gap.
 const GAP: f64 = 4.0;
@@ -106,23 +108,60 @@ fn resolution(position: &[f64]) -> f64 {
         .unwrap_or(1e-9)
 }
 
-/// The positions `lag_s` before each sample, straight from one to the other; the first before all.
-pub(super) fn behind(samples: &[Sample], position: &[f64], lag_s: f64) -> Vec<f64> {
-    let mut at = 0;
-    let before = |s: &Sample| {
-        let t = s.t - lag_s;
-        while at + 1 < samples.len() && samples[at + 1].t <= t {
-            at += 1;
+/// How long after its command an axis gets there: the least-squares slope of its following error over the velocity, s.
+pub(super) fn lag_s(following: &[f64], velocity: &[f64]) -> f64 {
+    let seen = following.iter().zip(velocity).filter(|(f, _)| f.is_finite());
+    let [product, square] = seen.fold([0.0; 2], |[p, s], (f, v)| [p + f * v, s + v * v]);
+    if square > 0.0 { (product / square).max(0.0) } else { 0.0 }
+}
+
+/// Responses that are tried: shares of the dead time in the lag, and of the lag of a velocity loop in that of its position loop.
+const RESPONSES: [[f64; 2]; 9] = [
+    [0.0, 0.0],
+    [0.0, 0.15],
+    [0.0, 0.3],
+    [0.3, 0.0],
+    [0.3, 0.15],
+    [0.3, 0.3],
+    [0.6, 0.0],
+    [0.6, 0.2],
+    [1.0, 0.0],
+];
+
+/// Where a linear axis is that follows its set points with a lag of `lag_s`: behind them as the response says that leaves least of
+/// `following`, what it was seen behind by in the unit of the positions (NaN where it was not seen) from `settled_s` on.
+pub(super) fn reached(
+    axis: Axis,
+    samples: &[Sample],
+    position: &[f64],
+    following: &[f64],
+    [lag_s, settled_s]: [f64; 2],
+) -> Vec<f64> {
+    let entries = velocities(samples, position, true);
+    let mut best = (f64::INFINITY, position.to_vec());
+    for [dead, inner] in RESPONSES {
+        let (dead_time_s, tau_s) = (dead * lag_s, (1.0 - dead) * lag_s);
+        let signal =
+            Signal { inner_s: inner * tau_s, dead_time_s, ..Signal::of(Source::Velocity(axis), tau_s) };
+        let behind = along_log(&entries, &signal, samples.iter().map(|s| s.t));
+        let (mut product, mut square, mut total) = (0.0, 0.0, 0.0);
+        let seen = samples
+            .iter()
+            .zip(following)
+            .zip(&behind)
+            .filter(|((s, f), _)| s.t >= settled_s && f.is_finite());
+        for ((_, following), behind) in seen {
+            product += following * behind;
+            square += behind * behind;
+            total += following * following;
         }
-        match samples.get(at + 1) {
-            Some(next) if t > samples[at].t => {
-                let share = (t - samples[at].t) / (next.t - samples[at].t);
-                position[at] + (position[at + 1] - position[at]) * share
-            }
-            _ => position[at],
+        let lag_s = if square > 0.0 { product / square } else { 0.0 };
+        let left = total - lag_s * product;
+        if left < best.0 {
+            best = (left, position.iter().zip(&behind).map(|(p, v)| p - lag_s * v).collect());
         }
-    };
-    samples.iter().map(before).collect()
+    }
+    best.1
 }
 
 /// Direction of travel (0 before the first move), distance and time since the last reversal, per sample.
