@@ -28,6 +28,8 @@ pub struct Data {
     pub accelerates: [bool; SLOTS],
     /// The axis was measured in both directions of travel.
     pub reverses: [bool; SLOTS],
+    /// How long after a reversal its first reading was taken, s: median over the reversals, 0 without any.
+    pub soonest_s: [f64; SLOTS],
     /// The force along an axis changes.
     pub forces: [bool; 3],
     /// Some reading looks along the axis.

@@ -230,9 +230,7 @@ impl Compensable {
     /// In words; a correction that does harm is not advised.
     pub(super) fn words(&self, cause: &Cause, found: &Diagnosis) -> String {
         match self.fates.get(&cause.label()) {
-            Some(Fate::Taken(_))
-                if found.budget.correction(&cause.label()).is_some_and(|x| x.share < 0.0) =>
-            {
+            Some(Fate::Taken(_)) if found.budget.does_harm(&cause.label()) => {
                 "not advised: take it out of the addition".to_owned()
             }
             Some(fate @ Fate::Taken(_)) => format!("yes, as {}", fate.symbols().join(" ")),
@@ -247,13 +245,11 @@ impl Compensable {
 /// effect is a twentieth of the gap or less.
 pub(super) fn remedy(cause: &Cause, found: &Diagnosis) -> &'static str {
     let b = &found.budget;
-    if let Some(x) = b.correction(&cause.label()) {
-        if x.share < 0.0 {
-            return "none: beside the other causes its correction makes readings held out worse";
-        }
-        if x.size_um.value <= NEGLIGIBLE * b.before.rms_um {
-            return "significant, but negligible in this gap";
-        }
+    if b.does_harm(&cause.label()) {
+        return "none: beside the other causes its correction makes readings held out worse";
+    }
+    if b.correction(&cause.label()).is_some_and(|x| x.size_um.value <= NEGLIGIBLE * b.before.rms_um) {
+        return "significant, but negligible in this gap";
     }
     Effect::find(&cause.effect).map_or("", |e| e.remedy)
 }

@@ -34,6 +34,7 @@ pub(super) fn data(s: &Session) -> Data {
         moves: of_axes(&|i| any(&|m| m.velocity[i].abs() > STILL)),
         accelerates: of_axes(&|i| changes(1e3 * STILL, &|m| m.acceleration[i])),
         reverses: of_axes(&|i| spread(&|m| m.direction[i]).is_some_and(|[l, h]| l < 0.0 && h > 0.0)),
+        soonest_s: core::array::from_fn(|i| soonest_s(s, i)),
         forces: core::array::from_fn(|i| changes(STILL, &|m| m.force_n[i])),
         sees: core::array::from_fn(|i| any(&|m| m.u[i].abs() > SEES)),
         positions: Axis::LINEAR
@@ -58,6 +59,21 @@ pub(super) fn data(s: &Session) -> Data {
             .collect(),
         first: s.moments.first().cloned().unwrap_or_default(),
     }
+}
+
+/// How long after a reversal of an axis its first reading was taken in motion, s: median over the reversals, 0 without any.
+fn soonest_s(s: &Session, slot: usize) -> f64 {
+    let moving = s.moments.iter().filter(|m| m.velocity[slot].abs() > STILL && m.since_s[slot].is_finite());
+    let (mut first, mut before) = (Vec::new(), (0.0, f64::INFINITY));
+    for m in moving {
+        let now = (m.direction[slot], m.since_s[slot]);
+        if now.0 != before.0 || now.1 < before.1 {
+            first.push(now.1);
+        }
+        before = now;
+    }
+    first.sort_by(f64::total_cmp);
+    first.get(first.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The positions of an axis at some readings, mm, in order, each once.

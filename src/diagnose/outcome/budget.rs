@@ -34,7 +34,7 @@ pub struct Correction {
     pub alone: Level,
     /// The gap where all other declared causes are corrected and this one is not.
     pub all_others: Level,
-    /// Its share of the mean square of the gap; negative where its correction makes readings held out worse.
+    /// Its share of the mean square of the gap; negative where it compensates for more of another cause than it adds.
     pub share: f64,
 }
 
@@ -66,6 +66,12 @@ impl Budget {
     #[must_use]
     pub fn correction(&self, label: &str) -> Option<&Correction> {
         self.corrections.iter().find(|c| c.label == label)
+    }
+
+    /// True where the correction of a declared cause makes readings held out worse once all others are corrected.
+    #[must_use]
+    pub fn does_harm(&self, label: &str) -> bool {
+        self.correction(label).is_some_and(|c| c.all_others.rms_um < self.after.rms_um)
     }
 }
 

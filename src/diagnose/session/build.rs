@@ -413,7 +413,7 @@ impl<'a> Part<'a> {
             } else {
                 places
             };
-            let travel = motion::travel(&samples, &reached, given.as_deref());
+            let travel = motion::travel(&samples, &reached, given.as_deref(), fast);
             for (k, s) in samples.iter().enumerate() {
                 for i in s.first..s.end {
                     let still = moving.is_some_and(|m| m[i] == 0.0);

@@ -174,8 +174,23 @@ pub(super) struct Travel {
 /// Movement below this is none: mm, deg.
 const MOVED: f64 = 2e-5;
 
-/// Follows one axis through a run; `given` are directions that the file states.
-pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>) -> Travel {
+/// Time and position at which the parabola through three samples turns round; `None` where they go one way.
+fn turning_point(samples: &[Sample], position: &[f64], middle: usize) -> Option<[f64; 2]> {
+    let (before, after) = (middle.checked_sub(1)?, middle + 1);
+    let [t0, t, t1] = [samples.get(before)?.t, samples[middle].t, samples.get(after)?.t];
+    let slopes =
+        [(position[middle] - position[before]) / (t - t0), (position[after] - position[middle]) / (t1 - t)];
+    if slopes[0] * slopes[1] >= 0.0 {
+        return None;
+    }
+    let velocity = (slopes[0] * (t1 - t) + slopes[1] * (t - t0)) / (t1 - t0);
+    let half = (slopes[1] - slopes[0]) / (t1 - t0);
+    let since_s = -0.5 * velocity / half;
+    Some([t + since_s, position[middle] + 0.5 * velocity * since_s])
+}
+
+/// Follows one axis through a run, at rest at each sample or in motion; `given` are directions that the file states.
+pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>, in_motion: bool) -> Travel {
     let n = samples.len();
     let mut t =
         Travel { direction: vec![0.0; n], since: vec![f64::INFINITY; n], since_s: vec![f64::INFINITY; n] };
@@ -191,17 +206,25 @@ pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>
     let (mut since, mut start) = (f64::INFINITY, f64::NEG_INFINITY);
     for i in 0..n {
         let moved = if i > 0 { position[i] - position[i - 1] } else { 0.0 };
+        let next = position.get(i + 1).map_or(0.0, |p| p - position[i]);
+        // in motion the larger of the steps about a turning point lies on the side of the sample
+        let turned = in_motion && moved.abs() > MOVED && moved * next < 0.0 && next.abs() > moved.abs();
         let now = match given {
             Some(g) if g[i] != 0.0 && g[i].is_finite() => g[i].signum(),
+            _ if turned => next.signum(),
             _ if moved.abs() > MOVED => moved.signum(),
             _ => direction,
         };
         if now != direction && direction != 0.0 {
-            since = 0.0;
-            start = if i > 0 { samples[i - 1].t } else { samples[i].t };
+            let middle = if turned { i } else { i.saturating_sub(1) };
+            let [t, x] = turning_point(samples, position, middle)
+                .filter(|_| in_motion)
+                .unwrap_or_else(|| [samples[i.saturating_sub(1)].t, position[i] - moved]);
+            (start, since) = (t, (position[i] - x).abs());
+        } else {
+            since += moved.abs();
         }
         direction = now;
-        since += moved.abs();
         t.direction[i] = direction;
         t.since[i] = since;
         t.since_s[i] = samples[i].t - start;

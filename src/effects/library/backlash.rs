@@ -5,8 +5,9 @@ use crate::prelude::*;
 /// Transition lengths, mm, and the longest.
 const LENGTHS: [f64; 6] = [0.0, 0.05, 0.2, 0.6, 2.0, 6.0];
 const LONGEST_MM: f64 = 15.0;
-/// Lengths over which play is crossed, mm.
-const PLAYS: [f64; 3] = [0.004, 0.012, 0.036];
+/// Widths of play, mm, each crossed over itself.
+const PLAYS: [f64; 16] =
+    [0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.01, 0.013, 0.016, 0.02, 0.025, 0.032, 0.04, 0.05, 0.07, 0.1];
 /// Lengths of travel after a reversal that are drawn, in transition lengths.
 const DRAWN: f64 = 6.0;
 
@@ -26,8 +27,8 @@ pub(super) fn backlash(data: &Data, of: &Subject) -> Variants {
     }
     let mut shapes: Vec<Shape> =
         [false, true].into_iter().flat_map(|slope| grid(axis, &[axis], slope)).collect();
-    if data.encoders_only {
-        // they read while the play is crossed, within a cycle or some
+    if data.encoders_only || data.moves[axis.slot()] {
+        // read while the play is crossed
         let play =
             |length_mm| Backlash { axis, along: vec![axis], length_mm, slope: false, play: true }.into();
         shapes.extend(PLAYS.map(play));
@@ -133,7 +134,8 @@ impl Form for Backlash {
     }
 
     fn changed(&self, f: f64) -> Vec<Shape> {
-        vec![with(self, |s| s.length_mm *= f)]
+        // play is as wide as it is long: a free length would make something else of it
+        if self.play { Vec::new() } else { vec![with(self, |s| s.length_mm *= f)] }
     }
 
     fn is_itself(&self) -> bool {

@@ -31,12 +31,18 @@ pub(super) fn reversal_spike(data: &Data, of: &Subject) -> Variants {
         return Err("no readings while the axis moves".into());
     }
     let grid = FALLS.into_iter().flat_map(|fall_s| RISES.map(|share| (fall_s, share * fall_s)));
-    let shape = |(fall_s, rise_s): (f64, f64)| {
-        Spike { axis, rise_s: rise_s.max(RISE_MIN_S), fall_s, slope: false }.into()
+    let soonest_s = data.soonest_s[axis.slot()];
+    let shape = |(fall_s, rise_s): (f64, f64)| Spike {
+        axis,
+        rise_s: rise_s.max(RISE_MIN_S),
+        fall_s,
+        slope: false,
+        soonest_s,
     };
     // a following error keeps what friction costs for as long as the axis moves
     let kept = data.encoders_only.then(|| Friction { axis }.into());
-    Ok(grid.map(shape).chain(kept).collect())
+    let peaks = grid.map(shape).filter(Spike::is_itself).map(Shape::from);
+    Ok(peaks.chain(kept).collect())
 }
 
 /// `d_a = h dir (exp(-t/fall) - exp(-t/rise))` while the axis moves.
@@ -47,6 +53,9 @@ pub struct Spike {
     pub rise_s: f64,
     pub fall_s: f64,
     pub slope: bool,
+    /// When after a reversal it was read first, s: of a peak that is over by then nobody knows the height.
+    #[serde(skip)]
+    pub soonest_s: f64,
 }
 
 impl Form for Spike {
@@ -112,7 +121,7 @@ impl Form for Spike {
     }
 
     fn is_itself(&self) -> bool {
-        self.fall_s <= FALL_MAX_S && self.rise_s <= RISE_SHARE * self.fall_s
+        (self.soonest_s..=FALL_MAX_S).contains(&self.fall_s) && self.rise_s <= RISE_SHARE * self.fall_s
     }
 
     fn acts_along(&self) -> Option<Axis> {

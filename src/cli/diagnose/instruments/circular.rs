@@ -15,6 +15,9 @@ use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 /// Length of the most common ballbar, mm.
 const RADIUS_MM: f64 = 150.0;
 
+/// Sine of the angle to a turning point below which an axis goes neither way.
+const TURNING: f64 = 1e-9;
+
 pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
     let (samples, lines) = samples(path, args)?;
     let plane = args.plane.unwrap_or(Plane::Xy);
@@ -30,10 +33,18 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
             names.extend([format!("v{letter}_mm_per_s"), format!("a{letter}_mm_per_s2")]);
         }
     }
+    // known from the angle, where differences of places are one reading late
+    let letters = axes.map(|k| ["x", "y", "z"][k]);
+    names.extend(letters.map(|axis| format!("dir_{axis}")));
+    for axis in letters {
+        names.push(format!("since_reversal_{axis}_mm"));
+        names.extend(fed.then(|| format!("since_reversal_{axis}_s")));
+    }
     let mut rows = Rows::new(path, names);
     let (mut run, mut runs_before) = (0.0, Vec::<(bool, u64)>::new());
     let (mut t, mut repeat) = (0.0, 1.0);
     let mut last: Option<&Sample> = None;
+    let (mut turning, mut travelled) = (0, 0.0);
     for (i, s) in samples.iter().enumerate() {
         let ccw = s.travel == Travel::Forward;
         let begins = last.is_none_or(|l| l.travel != s.travel || l.run != s.run || l.feed != s.feed);
@@ -44,12 +55,15 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
             repeat = 1.0 + runs_before.iter().filter(|p| **p == program).count() as f64;
             runs_before.push(program);
         }
-        t += match (last.filter(|_| !begins), s.feed) {
-            (Some(l), Some(feed)) => radius * turned(l.angle, s.angle).abs() / feed,
-            _ => 1.0,
-        };
+        let step = last.map_or(0.0, |l| turned(l.angle, s.angle).abs());
+        t += s.feed.filter(|_| !begins).map_or(1.0, |feed| radius * step / feed);
         last = Some(s);
         let (sine, cosine) = s.angle.sin_cos();
+        travelled = if begins { 0.0 } else { travelled + step };
+        if sine.abs().min(cosine.abs()) < TURNING {
+            turning += 1;
+            continue;
+        }
         let mut place = centre;
         place[axes[0]] += radius * cosine;
         place[axes[1]] += radius * sine;
@@ -62,6 +76,16 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
             let a = -feed * feed / radius;
             values.extend([-v * sine, a * cosine, v * cosine, a * sine]);
         }
+        let way = if ccw { 1.0 } else { -1.0 };
+        values.extend([way * -sine.signum(), way * cosine.signum()]);
+        for turn in [0.0, 0.5 * PI] {
+            // from the turning point of the axis; before the first of a run there is another motion
+            let since = (way * (s.angle - turn)).rem_euclid(PI);
+            let is_known = since <= travelled;
+            let of = |value: f64| if is_known { value } else { f64::NAN };
+            values.push(of(radius * (1.0 - since.cos())));
+            values.extend(s.feed.filter(|_| fed).map(|feed| of(since * radius / feed)));
+        }
         rows.push(lines[i], "ballbar", &values);
     }
     let times = if fed { Times::Nominal } else { Times::Ordinal };
@@ -72,6 +96,12 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
         if given { String::new() } else { format!(" (assumed; {option} states it)") }
     };
     found.note(format!("{}, {}, {ways}", counted(samples.len(), "reading"), counted(run as usize, "run")));
+    if turning > 0 {
+        found.note(format!(
+            "{} where an axis turns round left out: it goes neither way there",
+            counted(turning, "reading")
+        ));
+    }
     found.note(format!("plane {plane}{}", stated(args.plane.is_some(), "--plane")));
     found.note(format!("radius {radius} mm{}", stated(args.radius_mm.is_some(), "--radius-mm")));
     found.note(format!(
