@@ -31,6 +31,8 @@ pub mod session;
 mod spatial_variation;
 mod stochastic;
 
+use std::collections::BTreeMap;
+
 use constants::{LITTLE, ROUNDS, SIGNIFICANT, SURE};
 use evidence::Comparison;
 use library::{Kind, Library, Shape, Without};
@@ -114,33 +116,42 @@ pub fn diagnose(
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
     let mut analysis = analyse(session, options, tell);
-    let mut length_um = 0.0;
+    let mut lengths_um: BTreeMap<usize, f64> = BTreeMap::new();
     for _ in 0..ROUNDS {
-        let Some(found) = ballbar_length_um(session, &analysis) else { break };
-        length_um += found;
-        let of_ballbar = session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar);
-        of_ballbar.for_each(|(r, _)| r.deviation_um -= found);
+        let Some(found) = ballbar_lengths_um(session, &analysis) else { break };
+        for (r, m) in session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar) {
+            r.deviation_um -= found.get(&m.setup).copied().unwrap_or_default();
+        }
+        found.into_iter().for_each(|(setup, length_um)| *lengths_um.entry(setup).or_default() += length_um);
         analysis = analyse(session, options, tell);
     }
-    if length_um != 0.0 {
+    if !lengths_um.is_empty() {
+        let mut each: Vec<String> = lengths_um.values().map(|length_um| format!("{length_um:.1}")).collect();
+        each.dedup();
         session.notes.push(Note::new(format!(
-            "readings of the ballbar: a constant of {length_um:.1} µm is taken off as the length of the bar and is no part of the gap"
+            "readings of the ballbar: {} µm {} taken off as the length of the bar and no part of the gap",
+            each.join(", "),
+            if each.len() == 1 { "is" } else { "(one for each set-up) are" }
         )));
     }
     tell(0.85, "tests of the causes");
     outcome::conclude(session, fresh, options, &analysis, tell)
 }
 
-/// The length error of the ballbar in a campaign, um, where it is an effect that stands out: a constant of the set-up says
-/// nothing of the machine, and beside a large one the evidence of every other effect counts for little.
-fn ballbar_length_um(session: &Session, analysis: &Analysis) -> Option<f64> {
+/// The length error of the ballbar by set-up in a campaign, um, where it is an effect that stands out: a constant of the set-up
+/// says nothing of the machine, and beside a large one the evidence of every other effect counts for little.
+fn ballbar_lengths_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap<usize, f64>> {
     let Analysis { library, problem, selection, comparison: None, .. } = analysis else { return None };
     let is_length = |v: &usize| matches!(library.variants[*v].shape, Shape::BallbarLength(_));
     let place = selection.chosen.iter().position(is_length)?;
-    let reading = session.moments.iter().position(|m| m.is_ballbar)?;
-    let length_um = contributions_um(session, problem, library, &selection.chosen)[place][reading];
-    let noise = analysis.noise[session.readings[reading].instrument];
-    (length_um.abs() > SIGNIFICANT * noise.white_um.hypot(noise.drift_um)).then_some(length_um)
+    let parts = contributions_um(session, problem, library, &selection.chosen);
+    let of_ballbar = session.moments.iter().zip(&session.readings).zip(&parts[place]);
+    let of_ballbar: Vec<_> = of_ballbar.filter(|((m, _), _)| m.is_ballbar).collect();
+    let stands_out = of_ballbar.iter().any(|((_, r), length_um)| {
+        let noise = analysis.noise[r.instrument];
+        length_um.abs() > SIGNIFICANT * noise.white_um.hypot(noise.drift_um)
+    });
+    stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())
 }
 
 fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &str)) -> Analysis {

@@ -31,9 +31,11 @@ pub(super) fn find_causes(
         search::refine(problem, session, filter, library, &chosen, place);
     }
     if !selection.is_plain && !selection.chosen.is_empty() {
+        search::one_response_per_axis(problem, session, filter, library, selection);
         for place in 0..selection.chosen.len() {
             search::challenge(problem, session, filter, library, selection, place);
         }
+        search::turn_about_pivots(problem, session, filter, library, selection);
         selection.swap(problem, library);
         selection.search(problem, library);
         selection.single_out(problem, library);

@@ -5,6 +5,7 @@ use crate::lever::Lever;
 use crate::machine_state::{Axis, Light, Machine, MachineState, SLOTS, Source};
 use crate::polynomial::stable_degree;
 use crate::shape::Shape;
+use volcomp_model::spec::ReferenceBody;
 
 /// Smallest change of a temperature that its effects are looked for with, K.
 const WARMER_K: f64 = 0.2;
@@ -28,7 +29,7 @@ pub struct Data {
     pub accelerates: [bool; SLOTS],
     /// The axis was measured in both directions of travel.
     pub reverses: [bool; SLOTS],
-    /// How long after a reversal its first reading was taken, s: median over the reversals, 0 without any.
+    /// Shortest time between a reversal and a reading in motion, s; 0 without any.
     pub soonest_s: [f64; SLOTS],
     /// The force along an axis changes.
     pub forces: [bool; 3],
@@ -50,8 +51,8 @@ pub struct Data {
     pub angular: bool,
     /// All readings are of angles.
     pub only_angles: bool,
-    /// Some reading is of a ballbar.
-    pub ballbar: bool,
+    /// Set-ups of a ballbar.
+    pub ballbar_setups: Vec<usize>,
     /// An instrument has a known station.
     pub stations: bool,
     /// All readings were taken in one setup.
@@ -146,6 +147,21 @@ impl Data {
             _ => self.machine.tool_tip_mm,
         };
         Lever { axes: self.machine.levers_of(axis), home_mm: home.into(), tool: self.tools }
+    }
+
+    /// What lies between the reference points of a linear axis and the tool, for its angular error about a direction.
+    pub(crate) fn arm(&self, axis: Axis, about: Axis) -> Lever {
+        let mut lever = self.lever(axis);
+        let Some(entry) = self.machine.axis(axis) else { return lever };
+        for k in (0..3).filter(|k| *k != about.direction()) {
+            // the k-th coordinate of a lever displaces along the third direction
+            let reference = entry.reference_points[3 - k - about.direction()];
+            lever.home_mm[k] -= reference.point[k];
+            if k == axis.slot() && reference.body == ReferenceBody::Bed {
+                lever.axes[k] = !lever.axes[k];
+            }
+        }
+        lever
     }
 
     /// Where a rotary axis that turns stands.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::machine_state::MachineState;
+use volcomp_model::ModelSpec;
 use volcomp_model::geometry::Vec3;
 
 /// What lies between an angular error and the tool tip.
@@ -35,6 +36,15 @@ impl Lever {
             }
         }
         r
+    }
+
+    /// The tip of the model's own tool, or what stands for it, at home, mm.
+    pub(crate) fn home_at_tip(&self, spec: &ModelSpec) -> Vec3 {
+        let mut home = Vec3::from(self.home_mm);
+        if let Some(gauge) = spec.gauge_point.filter(|_| self.tool) {
+            home.z -= gauge.z - spec.tool_tip.z;
+        }
+        home
     }
 
     /// The column of the tool length, where that counts.

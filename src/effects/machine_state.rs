@@ -7,6 +7,7 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use volcomp_model::ReferencePoint;
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
 use volcomp_units::axes::AxisName;
 
@@ -163,6 +164,8 @@ pub struct MachineState {
     pub light: Option<Light>,
     /// The reading is of a ballbar.
     pub is_ballbar: bool,
+    /// The set-up of its instrument.
+    pub setup: usize,
     /// Forces per linear axis, N.
     pub force_n: [f64; 3],
     /// Where the rotary axes that carry the tool have taken it.
@@ -192,6 +195,7 @@ impl Default for MachineState {
             lever_mm: Vec3::repeat(f64::NAN),
             light: None,
             is_ballbar: false,
+            setup: 0,
             force_n: [f64::NAN; 3],
             head: Head::default(),
             signals: Vec::new(),
@@ -312,6 +316,8 @@ pub struct MachineAxis {
     pub workpiece_side: bool,
     /// A point on a rotary axis, mm.
     pub point_mm: Vec3,
+    /// Reference points of the linear components of a linear axis.
+    pub reference_points: [ReferencePoint; 3],
     /// Its travel, mm or rad, where the model says it.
     pub travel: Option<[f64; 2]>,
 }
@@ -322,7 +328,13 @@ impl Machine {
     pub fn plain() -> Self {
         let axes = Axis::ALL
             .into_iter()
-            .map(|axis| MachineAxis { axis, workpiece_side: false, point_mm: Vec3::zeros(), travel: None })
+            .map(|axis| MachineAxis {
+                axis,
+                workpiece_side: false,
+                point_mm: Vec3::zeros(),
+                reference_points: Default::default(),
+                travel: None,
+            })
             .collect();
         Self { axes, tool_tip_mm: Vec3::zeros(), gauge_point_mm: None }
     }

@@ -13,11 +13,13 @@ pub fn machine_of(spec: &ModelSpec, model: &Model) -> Machine {
         .axes()
         .filter_map(|a| {
             let axis = Axis::from_name(a.name)?;
+            let known = spec.axis(a.name);
             Some(MachineAxis {
                 axis,
                 workpiece_side: a.side == Side::Workpiece,
-                point_mm: spec.axis(a.name).point,
-                travel: spec.axis(a.name).travel,
+                point_mm: known.point,
+                reference_points: known.reference_points,
+                travel: known.travel,
             })
         })
         .collect();

@@ -1,6 +1,6 @@
 //! What a session holds, as far as it decides which effects it can show.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::constants::{MOVES, SEES};
 use super::super::moment::{Axis, Light, Moment, SLOTS};
@@ -49,7 +49,10 @@ pub(super) fn data(s: &Session) -> Data {
         lights: Light::ALL.into_iter().filter(|l| any(&|m| m.light == Some(*l))).collect(),
         angular: any(&|m| m.is_angular()),
         only_angles: !any(&|m| !m.is_angular()),
-        ballbar: any(&|m| m.is_ballbar),
+        ballbar_setups: {
+            let of_ballbar = s.moments.iter().filter(|m| m.is_ballbar);
+            of_ballbar.map(|m| m.setup).collect::<BTreeSet<_>>().into_iter().collect()
+        },
         stations: any(&|m| m.station_mm.iter().all(|v| v.is_finite())),
         one_setup: s.setups.len() == 1,
         encoders_only: s.instruments.iter().all(|n| is_encoder(n)),
@@ -61,19 +64,10 @@ pub(super) fn data(s: &Session) -> Data {
     }
 }
 
-/// How long after a reversal of an axis its first reading was taken in motion, s: median over the reversals, 0 without any.
+/// How long after a reversal of an axis a reading was taken in motion, s: the shortest time, 0 without any.
 fn soonest_s(s: &Session, slot: usize) -> f64 {
     let moving = s.moments.iter().filter(|m| m.velocity[slot].abs() > STILL && m.since_s[slot].is_finite());
-    let (mut first, mut before) = (Vec::new(), (0.0, f64::INFINITY));
-    for m in moving {
-        let now = (m.direction[slot], m.since_s[slot]);
-        if now.0 != before.0 || now.1 < before.1 {
-            first.push(now.1);
-        }
-        before = now;
-    }
-    first.sort_by(f64::total_cmp);
-    first.get(first.len() / 2).copied().unwrap_or(0.0)
+    moving.map(|m| m.since_s[slot]).reduce(f64::min).unwrap_or(0.0)
 }
 
 /// The positions of an axis at some readings, mm, in order, each once.

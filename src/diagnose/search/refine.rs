@@ -6,6 +6,7 @@ use super::super::noise::Filter;
 use super::super::session::Session;
 use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
+use super::select::{SWAP_GAIN, Selection};
 
 /// First and last relative step.
 pub(super) const STEPS: [f64; 6] = [0.25, 0.12, 0.05, 0.02, 0.008, 0.003];
@@ -57,7 +58,7 @@ pub(super) fn put(
 }
 
 /// False where a parameter has left the range in which these data let the effect be what its name says.
-fn is_local(session: &Session, shape: &Shape) -> bool {
+pub(super) fn is_local(session: &Session, shape: &Shape) -> bool {
     let span = |axis: Axis| {
         let all = session.moments.iter().map(|m| m.position[axis.slot()]);
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)])
@@ -121,10 +122,16 @@ impl Beside {
         (g, full, b)
     }
 
-    /// The value of the first of more columns beside these.
-    fn value_of(&self, more: &[Vec<f64>]) -> f64 {
+    /// What more columns bring beside these, and how many of them are independent.
+    pub(super) fn gain(&self, more: &[Vec<f64>]) -> (f64, usize) {
+        let (gain, rank) = self.joint(more);
+        (gain - self.ground.0, rank - self.ground.1)
+    }
+
+    /// The values of more columns beside these.
+    pub(super) fn values(&self, more: &[Vec<f64>]) -> Vec<f64> {
         let (g, full, b) = self.gram(more);
-        Factor::new(b.len(), &g, &full).solve(&b)[self.columns.len()]
+        Factor::new(b.len(), &g, &full).solve(&b).split_off(self.columns.len())
     }
 
     /// What a shape brings with the best values near its own, the number of its independent columns, and that shape.
@@ -175,7 +182,7 @@ fn tie(
     let beside = Beside::new(problem, &others);
     let says = |problem: &Problem, shape: &Shape| {
         let columns = problem.whitened(session, filter, shape);
-        (beside.joint(&columns).0, beside.value_of(&columns))
+        (beside.joint(&columns).0, beside.values(&columns)[0])
     };
     let loose = Shape::Lag(forms::Lag::of(axes.to_vec()));
     let (gain, lag_ms) = says(problem, &loose);
@@ -185,9 +192,60 @@ fn tie(
         candidates.push((says(problem, &delay).0, delay));
         candidates.extend(position_loop(session, problem.precise, (axes, lag_ms), &|s| says(problem, s)));
     }
-    if let Some((_, shape)) = candidates.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
-        put(problem, session, filter, library, variant, shape);
+    let Some((_, shape)) = candidates.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+    // what the same readings see is the same response under any name
+    let seen = |axes: &[Axis]| -> Vec<bool> {
+        let is_seen = |a: &Axis| session.moments.iter().any(|m| m.u[a.direction()] != 0.0);
+        Axis::LINEAR.iter().map(|a| axes.contains(a) && is_seen(a)).collect()
+    };
+    if let Shape::Lag(found) = &shape {
+        for other in 0..library.variants.len() {
+            let Shape::Lag(lag) = &library.variants[other].shape else { continue };
+            if other != variant && seen(&lag.axes) == seen(axes) {
+                let same = Shape::Lag(found.over(lag.axes.clone()));
+                put(problem, session, filter, library, other, same);
+            }
+        }
     }
+    put(problem, session, filter, library, variant, shape);
+}
+
+/// On the control's own encoders a response for each axis in the place of a common one and differences from it, where that says
+/// more: the difference of two responses is no response.
+pub fn one_response_per_axis(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    let is_lag = |v: &usize| matches!(library.variants[*v].shape, Shape::Lag(_));
+    let (lags, others): (Vec<usize>, Vec<usize>) = selection.chosen.iter().partition(|v| is_lag(v));
+    let is_seen = |a: Axis| session.moments.iter().any(|m| m.u[a.direction()] != 0.0);
+    let own: Vec<usize> = (0..library.variants.len())
+        .filter(|v| matches!(&library.variants[*v].shape, Shape::Lag(lag) if matches!(lag.axes[..], [a] if is_seen(a))))
+        .collect();
+    if !problem.precise || lags.is_empty() || own.len() < 2 {
+        return;
+    }
+    let now = selection.evidence_beside(problem, library, &others, &lags);
+    let before: Vec<Shape> = own.iter().map(|v| library.variants[*v].shape.clone()).collect();
+    let apart = [&others[..], &own].concat();
+    for place in others.len()..apart.len() {
+        refine(problem, session, filter, library, &apart, place);
+    }
+    apart.iter().for_each(|v| problem.prepare(*v));
+    if selection.evidence_beside(problem, library, &others, &own) > now + SWAP_GAIN {
+        lags.iter()
+            .filter(|v| !own.contains(v))
+            .for_each(|v| selection.ban(library, library.variants[*v].label));
+        selection.chosen = apart;
+        return;
+    }
+    for (v, shape) in own.iter().zip(before) {
+        put(problem, session, filter, library, *v, shape);
+    }
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
 /// The position loop whose lag is what it takes as its time constant, and what it explains; none where the velocities are not

@@ -345,6 +345,7 @@ impl<'a> Part<'a> {
                 target_mm: vector(target, i),
                 lever_mm: vector(lever, i),
                 light: raw.instruments.get(i).and_then(|n| Light::of(n)),
+                setup: self.setup[i],
                 is_ballbar: raw.instruments.get(i).is_some_and(|n| is_ballbar(n)),
                 station_mm: vector(station, i),
                 force_n: [at(force[0], i), at(force[1], i), at(force[2], i)],

@@ -189,6 +189,23 @@ fn turning_point(samples: &[Sample], position: &[f64], middle: usize) -> Option<
     Some([t + since_s, position[middle] + 0.5 * velocity * since_s])
 }
 
+/// True for the second of two readings at the end of a line whose other targets are read once: between them the axis went past the
+/// target and came back (ISO 230-2, standard test cycle).
+fn is_read_from_both_sides(position: &[f64], i: usize) -> bool {
+    let step = |k: usize| position.get(k + 1).map(|next| next - position[k]);
+    let Some([before, here, after]) =
+        i.checked_sub(2).and_then(|k| Some([step(k)?, step(k + 1)?, step(k + 2)?]))
+    else {
+        return false;
+    };
+    let is_doubled_there = step(i + 1).is_some_and(|next| next.abs() <= MOVED);
+    here.abs() <= MOVED
+        && before.abs() > MOVED
+        && after.abs() > MOVED
+        && before * after < 0.0
+        && !is_doubled_there
+}
+
 /// Follows one axis through a run, at rest at each sample or in motion; `given` are directions that the file states.
 pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>, in_motion: bool) -> Travel {
     let n = samples.len();
@@ -213,6 +230,7 @@ pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>
             Some(g) if g[i] != 0.0 && g[i].is_finite() => g[i].signum(),
             _ if turned => next.signum(),
             _ if moved.abs() > MOVED => moved.signum(),
+            _ if !in_motion && is_read_from_both_sides(position, i) => next.signum(),
             _ => direction,
         };
         if now != direction && direction != 0.0 {

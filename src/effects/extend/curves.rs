@@ -1,11 +1,12 @@
 //! Effects of position and direction as curves of error motions.
 
-use super::{Becomes, Extended, Part, turn};
+use super::{Becomes, Extended, Part, shift, turn};
 use crate::WIDTH_MAX;
 use crate::addition::Entry;
+use crate::lever::Lever;
 use crate::machine_state::{Axis, MachineState, SLOTS};
 use volcomp_model::curve::{Interpolation, Table};
-use volcomp_model::geometry::Vec3;
+use volcomp_model::geometry::{Vec3, unit};
 use volcomp_model::{Component, Curve, ErrorSymbol, ModelSpec};
 use volcomp_units::{RAD_PER_ARCSEC, mm_from_um};
 
@@ -15,6 +16,8 @@ const POINTS: usize = 201;
 const PER_WAVE: f64 = 32.0;
 /// Most points of a table.
 const POINTS_MAX: usize = 8001;
+/// Pivots closer than this are one, mm.
+const SAME_PIVOT_MM: f64 = 1e-6;
 /// Values below this are no part of a model, mm or rad.
 const NOTHING: f64 = 1e-12;
 
@@ -110,20 +113,31 @@ fn displacement_um(entry: &Entry, over: Axis, q: f64, direction: f64) -> Vec3 {
     out.iter().zip(&entry.values).map(|(d, v)| d * *v).sum()
 }
 
-/// An angle over one axis (arcsec by position) as a table.
+/// An angle over one axis (arcsec by position) about some point as tables: of the rotation, and of the displacements that it makes at
+/// the reference points of the model.
 pub(crate) fn rotation(
     model: &Extended,
     entry: &Entry,
     over: Axis,
-    about: Axis,
+    (about, lever): (Axis, Option<&Lever>),
     angle_arcsec: &dyn Fn(f64) -> f64,
 ) -> Becomes {
     let range = travel(&model.spec, entry, over).ok_or(NO_TRAVEL)?;
     let at = positions(range, POINTS);
     let kept = |q: f64| seen(entry, over).map_or(q, |[low, high]| q.clamp(low, high));
     let angles: Vec<f64> = at.iter().map(|q| angle_arcsec(kept(*q)) * RAD_PER_ARCSEC).collect();
-    let part = table(turn(about, over), &at, angles.clone(), angles)?.ok_or(ZERO)?;
-    Ok(vec![part].into())
+    let mut parts = vec![table(turn(about, over), &at, angles.clone(), angles.clone())?.ok_or(ZERO)?];
+    let across = Axis::LINEAR.into_iter().filter(|a| *a != about);
+    for (along, lever) in across.filter_map(|a| Some((a, lever?))) {
+        let reference = model.spec.axis(over.name()).reference_points[along.direction()].point;
+        let from = lever.home_at_tip(&model.spec) - model.spec.tool_tip + reference;
+        let arm = unit(about.direction()).cross(&from)[along.direction()];
+        if arm.abs() > SAME_PIVOT_MM {
+            let shifts: Vec<f64> = angles.iter().map(|a| a * arm).collect();
+            parts.extend(table(shift(along, over), &at, shifts.clone(), shifts)?);
+        }
+    }
+    Ok(parts.into())
 }
 
 fn positions([low, high]: [f64; 2], points: usize) -> Vec<f64> {

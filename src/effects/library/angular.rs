@@ -9,13 +9,16 @@ const DEGREES: [usize; 5] = [1, 2, 3, 5, 8];
 /// Shortest lever through which an angle is said to act, mm.
 const LEVER_MM: f64 = 1.0;
 
+/// Furthest pivot, as a share of the longest travel: about a further one an angle is a displacement.
+const PIVOT_MAX: f64 = 3.0;
+
 /// Variants of `angular`.
 pub(super) fn angular(data: &Data, of: &Subject) -> Variants {
     let over = of.axis;
     let Some([low, high]) = data.range[over.slot()] else { return Ok(Vec::new()) };
-    let (centre_mm, half_mm, lever) = (0.5 * (low + high), 0.5 * (high - low), data.lever(over));
     // about a linear direction
     let about = Axis::LINEAR[of.first.direction()];
+    let (centre_mm, half_mm, lever) = (0.5 * (low + high), 0.5 * (high - low), data.arm(over, about));
     let crosses = |i: &usize| *i != about.direction() && lever.axes[*i];
     let arm = (0..3).filter(crosses).any(|i| data.range[i].is_some());
     let tool = lever.tool && about != Axis::Z || data.head();
@@ -80,7 +83,13 @@ impl Form for Angular {
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         let angle = |q: f64| self.curve(q).iter().zip(&entry.values).map(|(v, e)| v * e).sum();
-        rotation(model, entry, self.over, self.about, &angle)
+        rotation(model, entry, self.over, (self.about, Some(&self.lever)), &angle)
+    }
+
+    fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3]) -> bool {
+        let travels = Axis::LINEAR.into_iter().map(span).map(|[low, high]| high - low);
+        let longest = travels.fold(0.0, f64::max);
+        (0..3).all(|k| (self.lever.home_mm[k] - tip_mm[k]).abs() <= PIVOT_MAX * longest)
     }
 
     fn is_valid(&self) -> bool {

@@ -11,6 +11,8 @@ const RISE_MIN_S: f64 = 1e-5;
 const FALL_MAX_S: f64 = 0.8;
 /// Longest rise of a peak, as a share of its decay.
 const RISE_SHARE: f64 = 0.6;
+/// Decay times after which a twentieth of a peak is left.
+const SEEN_FALLS: f64 = 3.0;
 /// Time after a reversal that is drawn, in fall times.
 const DRAWN: f64 = 6.0;
 /// Shortest peak that offsets of 1 ms can follow, s.
@@ -121,7 +123,8 @@ impl Form for Spike {
     }
 
     fn is_itself(&self) -> bool {
-        (self.soonest_s..=FALL_MAX_S).contains(&self.fall_s) && self.rise_s <= RISE_SHARE * self.fall_s
+        (self.soonest_s / SEEN_FALLS..=FALL_MAX_S).contains(&self.fall_s)
+            && self.rise_s <= RISE_SHARE * self.fall_s
     }
 
     fn acts_along(&self) -> Option<Axis> {

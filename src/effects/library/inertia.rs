@@ -136,10 +136,7 @@ impl Form for InertialTilt {
             let angle = entry.value(i) * RAD_PER_ARCSEC * PER_M;
             parts.extend(acceleration_term(turn(*b, axis), angle, most));
             // the model turns about the reference points of the axis, the structure about a point of its own
-            let mut home = Vec3::from(self.lever.home_mm);
-            if let Some(gauge) = spec.gauge_point.filter(|_| self.lever.tool) {
-                home.z -= gauge.z - spec.tool_tip.z;
-            }
+            let home = self.lever.home_at_tip(spec);
             for (k, along) in Axis::LINEAR.into_iter().enumerate() {
                 let reference = spec.axis(axis.name()).reference_points[k].point;
                 let gain = angle * unit(b.direction()).cross(&(home - spec.tool_tip + reference))[k];

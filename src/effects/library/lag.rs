@@ -83,6 +83,15 @@ impl Lag {
         Self { axes, tie_ms: 0.5 * lag_ms, lagged: Vec::new() }
     }
 
+    /// The same response of other axes.
+    #[must_use]
+    pub fn over(&self, axes: Vec<Axis>) -> Self {
+        let of = |signal: &Signal| -> Vec<Signal> {
+            axes.iter().map(|a| Signal { source: Source::Velocity(*a), ..signal.clone() }).collect()
+        };
+        Self { lagged: self.lagged.first().map(of).unwrap_or_default(), axes, tie_ms: self.tie_ms }
+    }
+
     /// A position loop around a velocity loop, behind a dead time; together they lag by `lag_ms`.
     #[must_use]
     pub fn response(axes: Vec<Axis>, lag_ms: f64, [dead_ms, inner_ms]: [f64; 2]) -> Self {

@@ -37,7 +37,13 @@ fn model() -> ModelSpec {
 fn all_data() -> Data {
     let spec = model();
     let mut machine: Machine = machine_of(&spec, &Model::new(&spec).unwrap());
-    let b = MachineAxis { axis: Axis::B, workpiece_side: false, point_mm: Vec3::zeros(), travel: None };
+    let b = MachineAxis {
+        axis: Axis::B,
+        workpiece_side: false,
+        point_mm: Vec3::zeros(),
+        reference_points: Default::default(),
+        travel: None,
+    };
     machine.axes.push(b);
     let temperature = |name: &str| (Source::Temperature(name.to_owned()), [18.0, 26.0], 19.0);
     Data {
@@ -58,7 +64,7 @@ fn all_data() -> Data {
         lights: Light::ALL.into(),
         angular: true,
         only_angles: false,
-        ballbar: true,
+        ballbar_setups: vec![0, 1],
         stations: true,
         one_setup: true,
         encoders_only: false,
@@ -86,6 +92,7 @@ fn moment() -> MachineState {
         reflector_mm: Vec3::zeros(),
         light: Some(Light::Tracker),
         is_ballbar: true,
+        setup: 1,
         force_n: [500.0; 3],
         signals: vec![23.0],
         ..MachineState::default()

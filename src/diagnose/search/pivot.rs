@@ -1,0 +1,127 @@
+//! The point about which an angular error turns: where nobody knows it, the error displaces by curves of the same form, too.
+//!
+//! `d = eps(q) x (r - c)`: with `eps` and `c` free this is linear in `eps` and in `eps c`, which starts the search; Gauss-Newton
+//! steps end it.
+
+use super::super::constants::{NEARLY, ROUNDS, STRONG};
+use super::super::library::{Library, Shape, forms};
+use super::super::noise::Filter;
+use super::super::session::Session;
+use super::problem::Problem;
+use super::refine::{Beside, put};
+use super::select::{SWAP_GAIN, Selection, evidence};
+
+/// By how much the pivot moves for a derivative, mm.
+const STEP_MM: f64 = 100.0;
+/// Coordinates of a pivot across the axis of rotation.
+const COORDINATES: usize = 2;
+
+/// Gives angular errors a pivot of their own in the place of the displacements over the same axis that a pivot elsewhere asks for.
+pub fn turn_about_pivots(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    // what was chosen first: about its own pivot it may say all that another would
+    let is_chosen = |label: &usize| selection.chosen.iter().any(|v| library.variants[*v].label == *label);
+    let (chosen, rest): (Vec<usize>, Vec<usize>) = (0..library.labels.len()).partition(is_chosen);
+    for label in chosen.into_iter().chain(rest) {
+        let variants: Vec<usize> = library.by_label().swap_remove(label);
+        let Some(Shape::Angular(first)) = variants.first().map(|v| library.variants[*v].shape.clone()) else {
+            continue;
+        };
+        let is_own = |v: &usize| library.variants[*v].label == label;
+        let goes_with = |v: &usize| {
+            let shape = &library.variants[*v].shape;
+            let along = shape.acts_along().filter(|a| a.direction() != first.about.direction());
+            shape.is_free_curve() && shape.over() == Some(first.over) && along.is_some()
+        };
+        let (group, others): (Vec<usize>, Vec<usize>) =
+            selection.chosen.iter().partition(|v| is_own(v) || goes_with(v));
+        if group.is_empty() {
+            continue;
+        }
+        let now = selection.evidence_beside(problem, library, &others, &group);
+        let beside = Beside::new(problem, &others);
+        let grid = selection.grid[label];
+        let turned = variants.iter().filter(|v| !selection.banned.contains(v)).filter_map(|v| {
+            let Shape::Angular(shape) = &library.variants[*v].shape else { return None };
+            let shape = pivoted(&beside, problem, session, filter, shape.clone())?;
+            let (gain, rank) = beside.gain(&problem.whitened(session, filter, &shape));
+            Some((evidence(gain, rank + COORDINATES, grid), *v, shape))
+        });
+        let Some((e, v, shape)) = turned.max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+        // one error in the place of several, or of one that says less; where it was not chosen, the lever must tell
+        let wanted = match (group.len(), group.iter().any(is_own)) {
+            (1, true) => now + SWAP_GAIN,
+            (_, true) => NEARLY * now,
+            _ => now + STRONG,
+        };
+        if e > wanted {
+            put(problem, session, filter, library, v, shape);
+            selection.chosen = others;
+            selection.chosen.push(v);
+        }
+    }
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// The error about the pivot that explains most; `None` where the data know none.
+fn pivoted(
+    beside: &Beside,
+    problem: &Problem,
+    session: &Session,
+    filter: &Filter,
+    mut shape: forms::Angular,
+) -> Option<Shape> {
+    let across: Vec<usize> = (0..3).filter(|k| *k != shape.about.direction()).collect();
+    let columns = |shape: &forms::Angular| problem.whitened(session, filter, &shape.clone().into());
+    let moved = |shape: &forms::Angular, k: usize| {
+        let mut shape = shape.clone();
+        shape.lever.home_mm[k] += STEP_MM;
+        columns(&shape)
+    };
+    let width = shape.degree;
+    // a displacement by each term of the curve along each direction: the difference of two levers
+    let blocks = |shape: &forms::Angular| -> (Vec<Vec<f64>>, Vec<Vec<Vec<f64>>>) {
+        let own = columns(shape);
+        let differ = |k: &usize| {
+            let pairs = moved(shape, *k).into_iter().zip(&own);
+            pairs.map(|(m, o)| m.iter().zip(o).map(|(m, o)| m - o).collect()).collect()
+        };
+        let differences = across.iter().map(differ).collect();
+        (own, differences)
+    };
+    let (own, differences) = blocks(&shape);
+    let all: Vec<Vec<f64>> = own.iter().chain(differences.iter().flatten()).cloned().collect();
+    let found = beside.values(&all);
+    let (curve, shifts) = found.split_at(width);
+    let square: f64 = curve.iter().map(|s| s * s).sum();
+    if square <= 0.0 {
+        return None;
+    }
+    for (k, shift) in across.iter().zip(shifts.chunks(width)) {
+        let product: f64 = curve.iter().zip(shift).map(|(s, b)| s * b).sum();
+        shape.lever.home_mm[*k] += STEP_MM * product / square;
+    }
+    for _ in 0..ROUNDS {
+        let (own, differences) = blocks(&shape);
+        let curve = beside.values(&own);
+        let derivative = |block: &Vec<Vec<f64>>| -> Vec<f64> {
+            let mut sum = vec![0.0; block.first().map_or(0, Vec::len)];
+            for (column, s) in block.iter().zip(&curve) {
+                sum.iter_mut().zip(column).for_each(|(sum, c)| *sum += s * c);
+            }
+            sum
+        };
+        let all: Vec<Vec<f64>> = own.into_iter().chain(differences.iter().map(derivative)).collect();
+        let found = beside.values(&all);
+        for (k, step) in across.iter().zip(&found[width..]) {
+            shape.lever.home_mm[*k] += STEP_MM * step;
+        }
+    }
+    let shape = Shape::from(shape);
+    super::refine::is_local(session, &shape).then_some(shape)
+}
