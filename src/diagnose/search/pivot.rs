@@ -43,7 +43,22 @@ pub fn turn_about_pivots(
         if group.is_empty() {
             continue;
         }
-        let now = selection.evidence_beside(problem, library, &others, &group);
+        // an angle has a slope: what displaces must be allowed one, too
+        let given = Selection::given(problem, &others);
+        let sloped: Vec<usize> = group
+            .iter()
+            .map(|own| {
+                let label = library.variants[*own].label;
+                let value = |v: &usize| selection.found(problem, library, &given, *v).evidence;
+                let variants = library.by_label().swap_remove(label);
+                let sloped = variants.into_iter().filter(|v| library.variants[*v].shape.has_slope());
+                sloped.max_by(|a, b| value(a).total_cmp(&value(b))).unwrap_or(*own)
+            })
+            .collect();
+        sloped.iter().for_each(|v| problem.prepare(*v));
+        let [plain, sloped] =
+            [&group, &sloped].map(|some| selection.evidence_beside(problem, library, &others, some));
+        let now = plain.max(sloped);
         let beside = Beside::new(problem, &others);
         let grid = selection.grid[label];
         let turned = variants.iter().filter(|v| !selection.banned.contains(v)).filter_map(|v| {

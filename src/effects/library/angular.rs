@@ -10,7 +10,7 @@ const DEGREES: [usize; 5] = [1, 2, 3, 5, 8];
 const LEVER_MM: f64 = 1.0;
 
 /// Furthest pivot, as a share of the longest travel: about a further one an angle is a displacement.
-const PIVOT_MAX: f64 = 3.0;
+const PIVOT_MAX: f64 = 1.0;
 
 /// Variants of `angular`.
 pub(super) fn angular(data: &Data, of: &Subject) -> Variants {
