@@ -20,7 +20,7 @@ use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
 use super::moment::Source;
-use super::noise::{beside_repeats, from_partners};
+use super::noise::{beside_repeats, from_partners, is_revisited};
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::Day;
 use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
@@ -334,7 +334,12 @@ fn notes(session: &Session) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if !session.readings.iter().any(|r| r.pair.is_some()) {
+    let has_repeats = session.readings.iter().any(|r| r.pair.is_some());
+    if !has_repeats && is_revisited(session) {
+        notes.push(
+            "no repeats in one set-up: noise is taken from the same places in other set-ups".to_owned(),
+        );
+    } else if !has_repeats {
         notes.push(
             "no repeats: noise is taken from neighbouring readings, so probabilities and the unexplained part are rougher"
                 .to_owned(),
