@@ -15,7 +15,11 @@ pub(crate) const fn units(kind: AxisKind) -> (&'static str, &'static str) {
 
 /// A start-up outlier in a sentence.
 pub(crate) fn words(m: &Marked, kind: AxisKind) -> String {
-    let (length, unit) = units(kind);
+    words_in(m, units(kind))
+}
+
+/// The same with the units of targets and deviations.
+pub(crate) fn words_in(m: &Marked, (length, unit): (&str, &str)) -> String {
     let way = if m.travel == Travel::Reverse { "backward" } else { "forward" };
     let (target, Marked { cycle, deviation, apart, limit, .. }) = ((m.target * 1e6).round() / 1e6, m);
     format!(

@@ -4,17 +4,27 @@ use super::session::Session;
 use nalgebra::{DMatrix, DVector};
 use volcomp_model::geometry::Vec3;
 
-/// `values` without the best offset of each setup (and rotation of a tracker), um.
+/// `values` without the best offset of each setup (and rotation of a tracker), um; NaN where not used.
 #[must_use]
 pub(super) fn without_offsets(session: &Session, values: &[f64], used: &[bool]) -> Vec<f64> {
+    let mut out = residuals(session, values, used);
+    out.iter_mut().zip(used).filter(|(_, u)| !**u).for_each(|(v, _)| *v = f64::NAN);
+    out
+}
+
+/// `values` without the offset of each setup (and rotation of a tracker) that is best for those used, um; NaN where none is.
+#[must_use]
+pub(super) fn residuals(session: &Session, values: &[f64], used: &[bool]) -> Vec<f64> {
     let mut by_setup: Vec<Vec<usize>> = vec![Vec::new(); session.setups.len()];
     for (i, r) in session.readings.iter().enumerate() {
-        if used[i] {
-            by_setup[r.setup].push(i);
-        }
+        by_setup[r.setup].push(i);
     }
     let mut out = vec![f64::NAN; values.len()];
-    for rows in by_setup.iter().filter(|r| !r.is_empty()) {
+    for all in by_setup {
+        let rows: Vec<usize> = all.iter().copied().filter(|i| used[*i]).collect();
+        if rows.is_empty() {
+            continue;
+        }
         let rotates = session.rotates(rows[0], false);
         let centre = rows.iter().fold(Vec3::zeros(), |c, i| c + place(session, *i)) / rows.len() as f64;
         let width = if rotates { 6 } else { 3 };
@@ -25,15 +35,15 @@ pub(super) fn without_offsets(session: &Session, values: &[f64], used: &[bool]) 
             let arm = ((place(session, i) - centre) * 1e-3).cross(&u);
             DVector::from_iterator(width, [u.x, u.y, u.z, arm.x, arm.y, arm.z].into_iter().take(width))
         };
-        for i in rows {
+        for i in &rows {
             let h = line(*i);
             g.ger(1.0, &h, &h, 1.0);
             b.axpy(values[*i], &h, 1.0);
         }
         let scale = g.diagonal().max().max(1e-12);
         let offset = g.svd(true, true).solve(&b, 1e-9 * scale).unwrap_or_else(|_| DVector::zeros(width));
-        for i in rows {
-            out[*i] = values[*i] - line(*i).dot(&offset);
+        for i in all {
+            out[i] = values[i] - line(i).dot(&offset);
         }
     }
     out

@@ -277,15 +277,30 @@ pub struct InstrumentNoise {
     pub resolution_um: f64,
 }
 
-/// A reading far from its repeats.
+/// A reading that was left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outlying {
     /// File and line.
     pub at: String,
     /// The gap there, um.
     pub gap_um: f64,
-    /// How far from what its repeats say, um.
+    /// The axis that it looks along; empty where it looks along none.
+    pub along: String,
+    /// How far from the median of its repeats, um; where it has none, from the fit without it.
     pub apart_um: f64,
+    /// From what: `repeats` or `fit`.
+    pub apart_from: String,
+}
+
+impl Outlying {
+    /// Where it is and how far it lies from what.
+    #[must_use]
+    pub fn words(&self, um: impl Fn(f64) -> String) -> String {
+        let along = if self.along.is_empty() { String::new() } else { format!(" ({})", self.along) };
+        let from =
+            if self.apart_from == "repeats" { "the median of its repeats" } else { "the fit of all others" };
+        format!("{}{along}, {} µm from {from}", self.at, um(self.apart_um))
+    }
 }
 
 /// An effect that these data cannot show.

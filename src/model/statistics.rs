@@ -42,6 +42,17 @@ pub fn f_upper(ratio: f64, above: usize, below: usize) -> f64 {
     FisherSnedecor::new(above as f64, below as f64).map_or(1.0, |d| d.sf(ratio).clamp(0.0, 1.0))
 }
 
+/// The ratio of two variances of `above` and `below` degrees of freedom that is exceeded with a probability; infinite where one
+/// of them has none.
+#[must_use]
+pub fn f_limit(probability: f64, above: usize, below: usize) -> f64 {
+    if above == 0 || below == 0 {
+        return f64::INFINITY;
+    }
+    FisherSnedecor::new(above as f64, below as f64)
+        .map_or(f64::INFINITY, |d| d.inverse_cdf((1.0 - probability).clamp(0.0, 1.0)))
+}
+
 /// How many standard deviations, known from `dof` degrees of freedom, the 95 % interval spans to either side (Student's
 /// t); infinite without a degree of freedom.
 #[must_use]
@@ -90,7 +101,7 @@ mod tests {
             assert!((f_upper(ratio, above, below) - 1.0).abs() < 1e-15);
         }
         assert!(f_upper(f64::INFINITY, 3, 3).abs() < 1e-300 && f_upper(1e30, 5, 50).abs() < 1e-100);
-        assert_eq!(student_95(0), f64::INFINITY);
+        assert_eq!((student_95(0), f_limit(0.01, 1, 0)), (f64::INFINITY, f64::INFINITY));
     }
 
     #[test]
@@ -119,6 +130,7 @@ mod tests {
         {
             let got = f_upper(f, above, below);
             assert!((got - p).abs() < 2e-3 * p, "{f} {above} {below}: {got}");
+            assert!((f_limit(got, above, below) - f).abs() < 1e-6 * f, "{f} {above} {below}");
         }
         // the square of Student's t
         assert!((f_upper(student_95(7).powi(2), 1, 7) - 0.05).abs() < 1e-9);

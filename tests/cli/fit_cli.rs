@@ -267,6 +267,41 @@ fn a_real_positioning_test_becomes_a_model() {
     }
 }
 
+#[test]
+fn start_up_outliers_are_kept_and_named_with_a_remedy() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/sessions/stage.dat");
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    let fit = |more: &[&str]| {
+        let base =
+            ["fit", "--errors", data.to_str().unwrap(), "--axis", "x", "--basis", "table", "--out", "x.toml"];
+        let output = succeed(d, &[&base[..], &["--json", "r.json"], more].concat());
+        let report: Value =
+            serde_json::from_str(&std::fs::read_to_string(d.join("r.json")).unwrap()).unwrap();
+        (String::from_utf8_lossy(&output.stderr).into_owned(), report["exx"].clone())
+    };
+    let (said, exx) = fit(&[]);
+    for text in [
+        "stage.dat:12: EXX: start-up outlier at 5 mm forward, cycle 1: 84.1 µm, +89.8 µm from the median",
+        "stage.dat:13: EXX: start-up outlier",
+        "kept in the fit\n",
+        "note: EXX: 2 start-up outliers kept in the fit: leave out with --robust",
+    ] {
+        assert!(said.contains(text), "{text}: {said}");
+    }
+    let lines: Vec<u64> =
+        exx["start_up_outliers"].as_array().unwrap().iter().map(|o| o["line"].as_u64().unwrap()).collect();
+    assert_eq!(lines, [12, 13]);
+    assert!(exx["notes"].to_string().contains("--robust"), "{exx}");
+    // left out, or not among the cycles: nothing is kept
+    for more in [&["--robust"][..], &["--cycles", "2-5"]] {
+        let (said, exx) = fit(more);
+        assert!(!said.contains("start-up") && exx["start_up_outliers"].is_null(), "{more:?}: {said}");
+    }
+    let reverse = fit(&["--direction", "reverse"]).1;
+    assert!(reverse["start_up_outliers"].is_null(), "{reverse}");
+}
+
 /// Both directions, four cycles, every 20 mm, 3 um of reversal, one spike.
 fn both_ways() -> String {
     let mut csv = String::from("position_mm,exx_um,cycle,direction\n");

@@ -117,7 +117,7 @@ pub(super) fn summary(
         say!("unexplained: {} µm RMS; {}", um(left), r.unexplained.looks_like);
     }
     for o in r.outlying_readings.iter().take(6) {
-        say!("outlier left out: {}, {} µm from its repeats", o.at, um(o.apart_um));
+        say!("outlier left out: {}", o.words(um));
     }
     for n in r.next_measurement.iter().take(2) {
         say!("next measurement, about {:.0} min: {}; it {}", n.minutes, n.action, n.decides);

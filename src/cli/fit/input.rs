@@ -12,6 +12,7 @@ use crate::units::{self, Units};
 use crate::{EX_DATAERR, Failure, Result};
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
+use volcomp_identify::start_up::{StartUpOutlier, start_up_outliers};
 use volcomp_model::{Component, ErrorSymbol};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
@@ -48,11 +49,13 @@ pub(crate) struct Measured {
     lines: Vec<u32>,
     /// Index of the first reading of each file.
     files: Vec<(usize, String)>,
+    /// Start-up outliers of the files, by the index of the reading.
+    pub(crate) start_up: Vec<StartUpOutlier>,
 }
 
 impl From<Vec<Reading>> for Measured {
     fn from(readings: Vec<Reading>) -> Self {
-        Self { readings, lines: Vec::new(), files: Vec::new() }
+        Self { readings, ..Self::default() }
     }
 }
 
@@ -65,11 +68,18 @@ impl Measured {
     fn retain(&mut self, keep: impl Fn(&Reading) -> bool) {
         let mut kept = self.readings.iter().map(&keep);
         self.lines.retain(|_| kept.next().unwrap_or(true));
+        self.start_up.retain(|o| keep(&self.readings[o.reading]));
+        for o in &mut self.start_up {
+            o.reading = self.readings[..o.reading].iter().filter(|r| keep(r)).count();
+        }
         self.readings.retain(&keep);
     }
 
     fn append(&mut self, mut other: Self, file: &str) {
-        self.files.push((self.readings.len(), file.to_owned()));
+        let first = self.readings.len();
+        self.files.push((first, file.to_owned()));
+        self.start_up
+            .extend(other.start_up.iter().map(|o| StartUpOutlier { reading: first + o.reading, ..*o }));
         if self.readings.is_empty() {
             // the usual case: one file, and nothing is copied
             (self.readings, self.lines) = (other.readings, other.lines);
@@ -131,6 +141,8 @@ pub(crate) fn read(
         }
     };
     for (symbol, mut measured) in found {
+        // of the whole test: the first of the cycles selected is not its start
+        measured.start_up = start_up_outliers(&measured.readings);
         if let Some(cycles) = cycles {
             cycles.check(&file, &measured.readings)?;
             measured.retain(|r| cycles.contains(r.cycle));
@@ -166,7 +178,8 @@ fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySy
     }
     let offset = if axis.kind() == AxisKind::Rotary { 3 } else { 0 };
     let component = Component::ALL[axis.direction() + offset];
-    let measured = Measured { readings: test.readings, ..Measured::default() };
+    let lines = (0..test.readings.len()).map(|i| u32::try_from(test.line(i)).unwrap_or(0)).collect();
+    let measured = Measured { readings: test.readings, lines, ..Measured::default() };
     Ok(BTreeMap::from([(ErrorSymbol::Motion { component, axis }, measured)]))
 }
 

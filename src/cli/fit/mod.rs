@@ -4,6 +4,7 @@ pub(super) mod basis;
 pub(super) mod input;
 mod picture;
 pub(super) mod report;
+mod start_up;
 mod thermal;
 
 use std::path::{Path, PathBuf};

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::input::Measured;
+use super::start_up;
 use crate::model_writer::Sources;
 use crate::numerals::small;
 use crate::units::{Units, key, or_dash};
@@ -70,8 +71,12 @@ fn one_report(f: &Fitted) -> Value {
         "condition": fit.condition,
         format!("range_{position}"): fit.curve.range().map(|r| r.map(of_position)),
         "outliers": outliers(f, &units),
-        "notes": fit.notes.iter().map(|n| note_text(f.symbol, *n)).collect::<Vec<_>>(),
+        "notes": fit.notes.iter().map(|n| note_text(f.symbol, *n)).chain(start_up::remedy(f)).collect::<Vec<_>>(),
     });
+    let kept = start_up::as_json(f);
+    if !kept.is_empty() {
+        json["start_up_outliers"] = json!(kept);
+    }
     match &fit.curve {
         Curve::Table(t) => {
             json[format!("position_{position}")] = json!(units.positions(t.columns().0));
@@ -253,6 +258,7 @@ const fn course_name(course: Course) -> &'static str {
 /// The notes of the fits.
 pub(crate) fn print_notes(fitted: &[Fitted]) {
     for f in fitted {
+        start_up::print(f);
         for note in &f.fit.notes {
             note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
         }

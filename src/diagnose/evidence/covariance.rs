@@ -352,22 +352,27 @@ impl Covariance {
         w
     }
 
+    /// Number of readings.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.inverse.nrows()
+    }
+
     /// Degrees of freedom that the offsets leave.
     #[must_use]
     pub fn freedom(&self) -> usize {
         self.inverse.nrows() - self.basis.ncols()
     }
 
-    /// Diagonal of `C^-1` with the offsets projected out: precision of each reading given all others.
+    /// `W` with `W'W` = `C^-1` with the offsets and the columns `beside` projected out: precision of each reading given all others.
     #[must_use]
-    pub fn precision(&self, beside: &DMatrix<f64>) -> DVector<f64> {
-        // rows of L^-T minus what offsets and effects span
+    pub fn precision(&self, beside: &DMatrix<f64>) -> DMatrix<f64> {
         let mut w = self.inverse.clone();
         let known = self.basis.tr_mul(&w);
         w -= &self.basis * known;
         let known = beside.tr_mul(&w);
         w -= beside * known;
-        DVector::from_iterator(w.ncols(), w.column_iter().map(|c| c.norm_squared()))
+        w
     }
 
     /// `L^-T v`: from whitened residuals to residuals times the precision matrix.

@@ -11,6 +11,7 @@ mod grouping;
 mod posterior;
 mod scales;
 mod sets;
+mod tails;
 #[cfg(test)]
 mod tests;
 

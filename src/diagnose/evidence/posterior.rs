@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{
-    LEAST_PROBABILITY, LITTLE, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES, TRIED,
+    LEAST_PROBABILITY, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, TIMES, TRIED,
 };
 use super::super::library::{Kind, Library, Shape};
 use super::super::search::raw_columns;
@@ -14,6 +14,7 @@ use super::covariance::{Component, Covariance, Structure};
 use super::gram::{Columns, Gram, Member};
 use super::scales::{self, Rungs, Target};
 use super::sets::{self, Sets};
+use super::tails::points;
 use volcomp_effects::prior_sd;
 
 /// An effect that some likely set holds.
@@ -78,13 +79,13 @@ pub struct Comparison {
 }
 
 /// The state of the search under one set of weights.
-struct Search {
-    structure: Structure,
+pub(super) struct Search {
+    pub(super) structure: Structure,
     /// Formula of each variant.
     shapes: Vec<Shape>,
-    columns: Columns,
-    y: DVector<f64>,
-    weights: Vec<f64>,
+    pub(super) columns: Columns,
+    pub(super) y: DVector<f64>,
+    pub(super) weights: Vec<f64>,
     /// Every pair of scales that was looked at.
     visited: BTreeMap<Rungs, (Gram, Sets)>,
     /// Log weights of the likely sets under these and neighbouring scales.
@@ -289,6 +290,7 @@ pub(super) fn compare(
     let largest: Vec<f64> =
         names.map(|p| prior_sd(&p).map_or(f64::INFINITY, |sd| sd / base.white_um)).collect();
     let columns = Columns::new(&raw, n, (span, label), &largest, &rank, &white);
+    let points = points(session, &base.groups);
     let mut outlying: Vec<(usize, f64)> = Vec::new();
     for round in 0.. {
         let mut search = Search {
@@ -301,7 +303,7 @@ pub(super) fn compare(
             beside: BTreeMap::new(),
         };
         let (rungs, members) = search.run()?;
-        let tails = tails(&search, &rungs, &members)?;
+        let tails = search.tails(&rungs, &members, &points)?;
         if round < 2 && !tails.is_empty() && outlying != tails {
             weights.clone_from(&base.white);
             for (k, w) in &tails {
@@ -325,50 +327,6 @@ fn ranks(library: &Library) -> Vec<usize> {
         (2 * instrument + usize::from(!label.subject.is_empty())) * library.labels.len() + l
     };
     (0..library.labels.len()).map(of).collect()
-}
-
-/// Rows with leave-one-out residuals out of the tails, with the weight that makes them ordinary.
-fn tails(search: &Search, rungs: &Rungs, members: &[Member]) -> Option<Vec<(usize, f64)>> {
-    let covariance = Covariance::new(&search.structure, &scales::values(rungs), &search.structure.white)?;
-    let gram = Gram::new(&covariance, &search.columns, &search.y);
-    let set = gram.condition(&search.columns, members);
-    let sigma = gram.sigma(&set);
-    let (at, mean, _) = gram.coefficients(&set);
-    let columns: Vec<DVector<f64>> =
-        at.iter().map(|c| search.columns.values.column(*c).into_owned()).collect();
-    let mut left = search.y.clone();
-    for (c, b) in columns.iter().zip(mean.iter()) {
-        left.axpy(-b, c, 1.0);
-    }
-    let n = left.len();
-    let whitened = covariance.whiten(&DMatrix::from_column_slice(n, 1, left.as_slice()));
-    let beside = if columns.is_empty() {
-        DMatrix::zeros(n, 0)
-    } else {
-        let w = covariance.whiten(&DMatrix::from_columns(&columns));
-        let svd = w.svd(true, false);
-        let u = svd.u?;
-        let kept: Vec<DVector<f64>> = u
-            .column_iter()
-            .zip(svd.singular_values.iter())
-            .filter(|(_, s)| **s > 1e-8 * svd.singular_values.max())
-            .map(|(c, _)| c.into_owned())
-            .collect();
-        if kept.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&kept) }
-    };
-    let precision = covariance.precision(&beside);
-    let pulled = covariance.back(&whitened.column(0).into_owned());
-    let mut all: Vec<(usize, f64)> = (0..n)
-        .filter(|k| precision[*k] > 1e-9)
-        .map(|k| (k, (pulled[k] / precision[k].sqrt() / sigma).abs()))
-        .filter(|(_, t)| *t > SURE)
-        .collect();
-    all.sort_by(|a, b| b.1.total_cmp(&a.1));
-    if all.len() > (LITTLE * n as f64).ceil() as usize {
-        return Some(Vec::new());
-    }
-    all.sort_by_key(|(k, _)| *k);
-    Some(all.into_iter().map(|(k, t)| (k, (t / SURE).powi(2).max(1.0))).collect())
 }
 
 fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Option<Comparison> {

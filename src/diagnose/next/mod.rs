@@ -7,6 +7,7 @@ pub use self::program::Dialect;
 use self::program::Program;
 use super::constants::{MOST, TOLD};
 use super::library::{Effect, Kind, Label, Library, Measurement as Motion, PROCEDURES, Procedure};
+use super::noise::is_revisited;
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
 
@@ -118,7 +119,7 @@ pub(super) fn next(
             })
         })
         .collect();
-    if !session.readings.iter().any(|r| r.pair.is_some()) {
+    if !session.readings.iter().any(|r| r.pair.is_some()) && !is_revisited(session) {
         all.push(Next {
             action: "run every part program at least twice: only repeats show the noise".to_owned(),
             separates: vec!["outliers".to_owned(), "range-noise".to_owned()],

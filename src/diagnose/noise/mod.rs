@@ -17,11 +17,11 @@ use super::session::Session;
 
 pub use classes::{from_remainder, from_repeats, pair_residuals};
 pub use filter::{ClassNoise, Filter};
-pub use outliers::{Tails, outliers, tails};
+pub use outliers::{Tails, from_partners, outliers, tails};
 pub use quantisation::lattices;
 pub use random::Random;
 pub use range::{AngleNoise, RangeNoise, angle_noise, range_noise};
-pub use space::neighbours;
+pub use space::{is_revisited, neighbours, spacing};
 pub use vibration_spectrum::{Tone, beside_repeats, tone};
 
 /// Factor between the median of absolute deviations and the standard deviation of a normal distribution.

@@ -28,8 +28,9 @@ pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize
     found
 }
 
-/// The reading minus the median of its partners.
-fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
+/// The reading minus the median of its partners; NaN without one.
+#[must_use]
+pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
     let pairs = session.readings.iter().filter_map(|r| r.pair).max().map_or(0, |p| p + 1);
     let mut groups: Vec<Vec<usize>> = vec![Vec::new(); pairs];
     for (i, r) in session.readings.iter().enumerate() {

@@ -1,9 +1,10 @@
 //! Neighbours in space, for readings that were not taken in the order of their places and have no repeats (a table of
 //! holes): what neighbours share is structure, what they do not is noise.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::constants::{NEARLY, ROWS};
+use super::super::constants::{HALF, NEARLY, ROWS};
+use super::super::moment::{Moment, SLOTS};
 use super::super::session::Session;
 use super::median;
 
@@ -47,4 +48,82 @@ pub fn neighbours(session: &Session, rows: &[usize]) -> Vec<(usize, usize)> {
     }
     let ordered = following.is_empty() || median(&mut following) <= APART * median(&mut near);
     if ordered { Vec::new() } else { pairs.into_iter().collect() }
+}
+
+/// True where most readings look from another set-up, too, at the same place along the same direction: a part that was measured
+/// again shows the noise as repeats do.
+#[must_use]
+pub fn is_revisited(session: &Session) -> bool {
+    let key = |m: &Moment| -> Vec<i64> {
+        let position = m.position.iter().map(|p| (p * 1e3).round() as i64);
+        position.chain(m.u.iter().map(|c| (c * 50.0).round() as i64)).collect()
+    };
+    let mut setups: BTreeMap<Vec<i64>, BTreeSet<usize>> = BTreeMap::new();
+    for (r, m) in session.readings.iter().zip(&session.moments) {
+        setups.entry(key(m)).or_default().insert(r.setup);
+    }
+    let again = session.moments.iter().filter(|m| setups.get(&key(m)).is_some_and(|s| s.len() > 1)).count();
+    again as f64 > HALF * session.moments.len() as f64
+}
+
+/// Median distance of a place from the nearest other one, each axis as a share of its range; infinite with one place.
+#[must_use]
+pub fn spacing(session: &Session) -> f64 {
+    let positions = || session.moments.iter().map(|m| m.position);
+    let bounds = |k: usize| {
+        positions().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[k]), h.max(p[k])))
+    };
+    let ranges: Vec<f64> = (0..SLOTS).map(bounds).map(|(l, h)| h - l).collect();
+    let key = |p: [f64; SLOTS]| p.map(|v| (v * 1e3).round() as i64);
+    let mut places: Vec<[f64; SLOTS]> =
+        positions().map(|p| (key(p), p)).collect::<BTreeMap<_, _>>().into_values().collect();
+    let step = places.len().div_ceil(ROWS).max(1);
+    places = places.into_iter().step_by(step).collect();
+    let share = |p: &[f64; SLOTS], q: &[f64; SLOTS]| {
+        let moved = (0..SLOTS).filter(|k| ranges[*k] > 1e-6);
+        moved.map(|k| ((p[k] - q[k]) / ranges[k]).powi(2)).sum::<f64>().sqrt()
+    };
+    let nearest = |(i, p): (usize, &[f64; SLOTS])| {
+        let others = places.iter().enumerate().filter(|(j, _)| *j != i);
+        others.map(|(_, q)| share(p, q)).fold(f64::INFINITY, f64::min)
+    };
+    median(&mut places.iter().enumerate().map(nearest).collect::<Vec<f64>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::machine_state::Machine;
+    use super::super::super::session::{History, Raw, Session};
+    use super::{is_revisited, spacing};
+
+    /// Holes on a grid of four by four, once or in two clampings, 60 mm apart.
+    fn plate(clampings: u32, shift_mm: f64) -> Session {
+        let names = ["t_s", "setup", "run", "repeat", "x_mm", "y_mm", "u_x", "u_y", "u_z", "deviation_um"];
+        let mut raw = Raw {
+            file: "plate".to_owned(),
+            names: names.map(str::to_owned).into(),
+            columns: vec![Vec::new(); names.len()],
+            ..Raw::default()
+        };
+        for k in 0..16 * clampings {
+            let [setup, i, j] = [k / 16, k % 4, k / 4 % 4].map(f64::from);
+            for axis in [0.0, 1.0] {
+                let [x, y] = [60.0 * i + shift_mm * setup, 60.0 * j];
+                let t = 10.0 * f64::from(k) + axis;
+                let row = [t, setup, setup, 0.0, x, y, 1.0 - axis, axis, 0.0, 0.7 * i - 0.3 * j + axis];
+                raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
+                raw.instruments.push("cmm".to_owned());
+                raw.lines.push(u64::from(k) + 2);
+            }
+        }
+        Session::build(&[raw], History::default(), Machine::plain()).expect("a session")
+    }
+
+    #[test]
+    fn a_plate_measured_again_is_revisited() {
+        assert!(
+            !is_revisited(&plate(1, 0.0)) && is_revisited(&plate(2, 0.0)) && !is_revisited(&plate(2, 5.0))
+        );
+        assert!((spacing(&plate(2, 0.0)) - 1.0 / 3.0).abs() < 1e-9);
+    }
 }

@@ -3,13 +3,13 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::super::Analysis;
-use super::super::constants::{DRAWS, LARGE_DRIFT, LITTLE};
+use super::super::constants::{DRAWS, LARGE_DRIFT, LENGTHS, LITTLE};
 use super::super::decision::{Assessed, Evidence, of_posterior};
 use super::super::evidence::{Comparison, Component, Contender};
 use super::super::forecast::{Contributions, minus};
 use super::super::library::Label;
 use super::super::localise::localise;
-use super::super::noise::Random;
+use super::super::noise::{Random, spacing};
 use super::super::offsets::{peak99, rms, without_offsets};
 use super::super::report::{Shrink, Unexplained};
 use super::super::search::{Figures, Found};
@@ -151,8 +151,13 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
         if over(&|k| matches!(k, Component::LackOfFit)) {
             kinds.push("comes back at each programmed point");
         }
-        if over(&|k| matches!(k, Component::Place(_))) {
+        // of places further apart than it reaches, neighbours share nothing
+        let spacing = spacing(session);
+        let smooth = |k: &Component| matches!(k, Component::Place(l) if LENGTHS[*l] > spacing);
+        if over(&smooth) {
             kinds.push("varies smoothly over the place");
+        } else if over(&|k| matches!(k, Component::Place(_))) {
+            kinds.push("differs from place to place without a shape that neighbours share");
         }
         if over(&|k| matches!(k, Component::Direction(_))) {
             kinds.push("depends on place and direction of travel");

@@ -14,14 +14,14 @@ mod views;
 
 use super::addition::Addition;
 use super::assessment::assess;
-use super::constants::{LISTED, LITTLE};
+use super::constants::{LISTED, LITTLE, NEARLY};
 use super::decision::{Assessed, Evidence, HeldOut, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
 use super::moment::Source;
-use super::noise::{beside_repeats, pair_residuals};
-use super::offsets::{rms, without_offsets};
+use super::noise::{beside_repeats, from_partners, is_revisited};
+use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::Day;
 use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
 use super::residual_structure::structure;
@@ -291,7 +291,7 @@ pub(super) fn conclude(
         unexplained,
         next_measurement,
         noise: instrument_noise(session, a),
-        outlying_readings: outlying(session, a),
+        outlying_readings: outlying(session, a, &minus(&a.gap, &parts.in_sample, |_| true)),
         cannot_be_seen: a
             .library
             .blind
@@ -334,7 +334,12 @@ fn notes(session: &Session) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if !session.readings.iter().any(|r| r.pair.is_some()) {
+    let has_repeats = session.readings.iter().any(|r| r.pair.is_some());
+    if !has_repeats && is_revisited(session) {
+        notes.push(
+            "no repeats in one set-up: noise is taken from the same places in other set-ups".to_owned(),
+        );
+    } else if !has_repeats {
         notes.push(
             "no repeats: noise is taken from neighbouring readings, so probabilities and the unexplained part are rougher"
                 .to_owned(),
@@ -405,16 +410,21 @@ fn instrument_noise(session: &Session, a: &Analysis) -> Vec<InstrumentNoise> {
         .collect()
 }
 
-fn outlying(session: &Session, a: &Analysis) -> Vec<Outlying> {
-    let all = vec![true; a.gap.len()];
-    let apart = pair_residuals(session, &a.gap, &all);
-    a.outlying
-        .iter()
-        .take(LISTED)
-        .map(|i| Outlying {
+/// The readings left out; `rest` is the gap without the effects.
+fn outlying(session: &Session, a: &Analysis, rest: &[f64]) -> Vec<Outlying> {
+    let repeats = from_partners(session, &a.gap, &vec![true; a.gap.len()]);
+    let from_fit = residuals(session, rest, &a.used);
+    let one = |i: &usize| {
+        let (u, repeat) = (session.moments[*i].u, repeats[*i]);
+        let axis = u.iamax();
+        let (apart_um, from) = if repeat.is_finite() { (repeat, "repeats") } else { (from_fit[*i], "fit") };
+        Outlying {
             at: format!("{}:{}", session.files[session.moments[*i].file], session.readings[*i].line),
+            along: if u[axis].abs() > NEARLY { ["x", "y", "z"][axis].to_owned() } else { String::new() },
             gap_um: a.gap[*i],
-            apart_um: if apart[*i].is_finite() { apart[*i] } else { a.gap[*i] },
-        })
-        .collect()
+            apart_um,
+            apart_from: from.to_owned(),
+        }
+    };
+    a.outlying.iter().take(LISTED).map(one).collect()
 }

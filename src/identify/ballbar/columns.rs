@@ -2,7 +2,7 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::runs::sign;
+use super::runs::{elapsed, run_starts, sign};
 use super::{Circles, Effect, End, Pitch, Reason, Sample};
 
 /// What a column stands for.
@@ -14,6 +14,10 @@ pub(super) enum What {
     Centre(usize),
     /// A shape of place around a reversal, equal in both directions: no effect, but no spike either.
     Place,
+    /// The change of the instrument's length along the runs.
+    LengthChange,
+    /// A step of its length between two runs.
+    LengthStep,
     /// A number of an effect.
     Of(Effect, Option<End>),
 }
@@ -81,6 +85,16 @@ pub(super) fn of_circle(circles: &Circles) -> Vec<Column> {
         .enumerate()
         .map(|(i, f)| Column { what: What::Centre(i), values: samples.iter().map(|s| f(s.angle)).collect() });
     radii.chain(centre).collect()
+}
+
+/// A length of the instrument that changes linearly along the runs, and the steps in the pauses between them, whose length nobody
+/// recorded.
+pub(super) fn of_length(circles: &Circles) -> Vec<Column> {
+    let samples = &circles.samples;
+    let step = |first: usize| (0..samples.len()).map(|i| if i < first { -0.5 } else { 0.5 }).collect();
+    let steps = run_starts(samples).into_iter().skip(1).map(step);
+    let steps = steps.map(|values| Column { what: What::LengthStep, values });
+    core::iter::once(Column { what: What::LengthChange, values: elapsed(samples) }).chain(steps).collect()
 }
 
 /// All effects without spikes and cyclic errors, most certain first; and those that the path cannot have.

@@ -17,7 +17,8 @@
 //!
 //! `w = (1 +- cos t)/2` (v: `sin t`) leads from the value at the positive end of travel to that at the negative end. What
 //! is seen of one end only is taken as equal all along. Beside them: centre offset of the instrument, a radius per feed, and, where
-//! both directions were run, whatever stands around a reversal alike in both of them (it is no spike).
+//! both directions were run, whatever stands around a reversal alike in both of them (it is no spike); and a change of the
+//! instrument's length, linear in time with steps between runs, where it is significant: it looks like play otherwise.
 //!
 //! Assumptions: first order (the eccentricity's second order is taken out); readings equally noisy. Residuals that are
 //! not white widen the uncertainties by their autocorrelation along the circle. What the data cannot show is left out and named, with
@@ -26,6 +27,7 @@
 //! Source: names and units of ballbar files (.b5r, `docs/reference/formats.md`); ISO 230-4; equations 1.7. Reading order: this file, `columns`, `solve`,
 //! `pitch`, `model`.
 
+mod check;
 mod columns;
 mod model;
 mod pitch;
@@ -191,6 +193,22 @@ pub enum Note {
         /// Angle covered, rad.
         covered: f64,
     },
+    /// Change of the instrument's length during the test.
+    LengthChange(LengthChange),
+}
+
+/// Change of the length of the instrument along the runs, linear in time beside free steps between runs. Uniform growth of the
+/// machine looks alike.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LengthChange {
+    /// Over the time of all runs, without their pauses, mm.
+    pub value: f64,
+    /// Standard uncertainty (k = 1).
+    pub std: f64,
+    /// Probability of a larger one where there is none.
+    pub p_value: f64,
+    /// Whether it is significant (p below 0.01) and was estimated jointly with the effects; else it is no part of the fit.
+    pub is_subtracted: bool,
 }
 
 /// Amplitude of a wave on the circle, mm.
@@ -227,6 +245,8 @@ pub struct Analysis {
     pub spike_time: Option<f64>,
     /// Waves on the circle; empty on an arc.
     pub harmonics: Vec<Harmonic>,
+    /// Change of the instrument's length during the test; `None` where these data do not show it: one run, or no time beside the effects.
+    pub length_change: Option<LengthChange>,
     /// What no effect explains, reading by reading.
     pub residuals: Vec<f64>,
     /// Root mean square of it over the degrees of freedom.

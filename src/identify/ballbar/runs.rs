@@ -52,6 +52,22 @@ pub fn travelled(samples: &[Sample]) -> Vec<f64> {
     runs(samples).map(|run| path(run).last().copied().unwrap_or(0.0)).collect()
 }
 
+/// Time of each reading as a share of that of the whole test, from -1/2 to 1/2: of the path at its feed (without feed: of the
+/// path), without pauses between runs.
+pub(super) fn elapsed(samples: &[Sample]) -> Vec<f64> {
+    let mut all = Vec::with_capacity(samples.len());
+    let mut begin = 0.0;
+    for run in runs(samples) {
+        let path = path(run);
+        let time = |(s, p): (&Sample, &f64)| begin + p / s.feed.unwrap_or(1.0);
+        all.extend(run.iter().zip(&path).map(time));
+        begin = all.last().copied().unwrap_or(begin);
+    }
+    let (low, high) = all.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(*t), h.max(*t)));
+    let span = (high - low).max(f64::MIN_POSITIVE);
+    all.into_iter().map(|t| (t - low) / span - 0.5).collect()
+}
+
 /// The readings without the overshoot of their runs: `overshoot` (rad) at both ends, or, where it is not given, what is
 /// more than one turn, half at either end.
 #[must_use]

@@ -4,24 +4,27 @@ use core::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::check::check;
 use super::columns::{self, Column, What};
 use super::{
-    Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, Note, Pitch, Reason, Request, Value, pitch,
+    Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, LengthChange, Note, Pitch, Reason, Request,
+    Value, pitch,
 };
 use crate::primitives::jacobi;
 use volcomp_model::geometry::largest_gap;
+use volcomp_model::statistics::f_upper;
 use volcomp_units::axes::Travel;
 
-/// Fewest readings.
-const READINGS_NEEDED: usize = 120;
-/// Least part of the circle, rad.
-const ARC_NEEDED: f64 = TAU / 4.0;
 /// Part of a column, of unit length, that must be left beside the others; below it the data cannot tell it from them.
 const LEFT_OVER: f64 = 0.03;
 /// Correlation of two estimates above which the data hardly tell them apart.
 const CONFOUNDED: f64 = 0.9;
 /// Standard deviations beyond which an effect is called significant.
 const SIGNIFICANT: f64 = 3.3;
+/// Probability below which a change of the instrument's length is significant.
+const LENGTH_CHANGE: f64 = 0.01;
+/// How often, in the mean, places are passed in tests that show one.
+const PASSES: f64 = 1.5;
 /// Highest wave reported.
 const HARMONICS: usize = 12;
 /// Gap in angle up to which waves on the circle mean something, rad.
@@ -57,7 +60,23 @@ struct Solution {
 /// Too few readings or too short an arc, numbers that are none, a radius in the wrong unit.
 pub fn analyse(circles: &Circles, request: &Request) -> Result<Analysis, BallbarError> {
     check(circles, request)?;
-    let mut selected = select(circles, request)?;
+    // seen once, a shape of the place looks like a change in time
+    let covered = TAU - largest_gap(circles.samples.iter().map(|s| s.angle));
+    let is_shown = super::travelled(&circles.samples).iter().sum::<f64>() > PASSES * covered;
+    let mut found = fitted(circles, request, is_shown);
+    let Some(change) = found.length_change else { return Ok(found) };
+    if !change.is_subtracted {
+        // what is not there must not widen the uncertainties of the effects
+        found = fitted(circles, request, false);
+        found.length_change = Some(change);
+    }
+    found.notes.push(Note::LengthChange(change));
+    Ok(found)
+}
+
+/// The fit with or without a change of the instrument's length.
+fn fitted(circles: &Circles, request: &Request, has_length: bool) -> Analysis {
+    let mut selected = select(circles, request, has_length);
     let mut y = DVector::from_iterator(circles.samples.len(), circles.samples.iter().map(|s| s.deviation));
     let spike_time = choose_spike_time(circles, request, &mut selected, &y);
     let pitches = choose_pitches(circles, request, &mut selected, &y);
@@ -71,57 +90,11 @@ pub fn analyse(circles: &Circles, request: &Request) -> Result<Analysis, Ballbar
         }
         solution = solved(&selected.columns, &y);
     }
-    Ok(report(circles, selected, &solution, &y, pitches, spike_time))
-}
-
-fn check(circles: &Circles, request: &Request) -> Result<(), BallbarError> {
-    let (plane, samples) = (circles.plane, &circles.samples);
-    let finite = |s: &super::Sample| {
-        s.angle.is_finite() && s.deviation.is_finite() && s.feed.is_none_or(f64::is_finite)
-    };
-    if let Some(i) = samples.iter().position(|s| !finite(s)) {
-        return Err(BallbarError::NotFinite { plane, row: i + 1 });
-    }
-    if samples.len() < READINGS_NEEDED {
-        return Err(BallbarError::TooFewReadings { plane, found: samples.len(), needed: READINGS_NEEDED });
-    }
-    let deviation = samples.iter().fold(0.0f64, |m, s| m.max(s.deviation.abs()));
-    if !(circles.radius.is_finite() && circles.radius > 10.0 * deviation) {
-        return Err(BallbarError::Radius { radius: circles.radius, deviation });
-    }
-    let positive = |what, value: f64| {
-        if value.is_finite() && value > 0.0 { Ok(()) } else { Err(BallbarError::NotPositive { what, value }) }
-    };
-    for feed in samples.iter().filter_map(|s| s.feed) {
-        positive("the feed", feed)?;
-    }
-    for p in request.pitch {
-        match p {
-            Pitch::None => {}
-            Pitch::Given(v) => positive("a pitch", v)?,
-            Pitch::Search([low, high]) => {
-                positive("the shortest pitch", low)?;
-                positive("the search for a pitch, longest less shortest,", high - low)?;
-            }
-        }
-    }
-    if let Some(t) = request.spike_time {
-        positive("the time to the peak of a spike", t)?;
-    }
-    let known = samples.iter().filter(|s| s.feed.is_some()).count();
-    if known != 0 && known != samples.len() {
-        return Err(BallbarError::FeedMissing { plane });
-    }
-    let covered = TAU - largest_gap(samples.iter().map(|s| s.angle));
-    if covered < ARC_NEEDED {
-        let (covered_deg, limit_deg) = (covered.to_degrees(), ARC_NEEDED.to_degrees());
-        return Err(BallbarError::ArcTooShort { plane, covered_deg, limit_deg });
-    }
-    Ok(())
+    report(circles, selected, &solution, &y, pitches, spike_time)
 }
 
 /// Takes the columns one after the other and leaves out those that look like the ones before.
-fn select(circles: &Circles, request: &Request) -> Result<Selected, BallbarError> {
+fn select(circles: &Circles, request: &Request, has_length: bool) -> Selected {
     let (effects, missing) = columns::of_effects(circles);
     let mut selected = Selected { columns: columns::of_circle(circles), missing };
     let mut basis = Basis::of(&selected.columns);
@@ -135,7 +108,10 @@ fn select(circles: &Circles, request: &Request) -> Result<Selected, BallbarError
             }
         }
     }
-    Ok(selected)
+    if has_length {
+        columns::of_length(circles).into_iter().for_each(|column| selected.take(column, &mut basis));
+    }
+    selected
 }
 
 /// Orthonormal directions of the columns taken so far.
@@ -402,11 +378,18 @@ fn report(
     let feeds = columns::feeds(samples);
     let mut offset = [(0.0, 0.0); 2];
     let mut radius_deviation = Vec::new();
+    let mut length_change = None;
     for (j, column) in selected.columns.iter().enumerate() {
         match column.what {
             What::Centre(axis) => offset[axis] = (solution.coefficients[j], std(j)),
             What::Radius(feed) => radius_deviation.push((feeds[feed], solution.coefficients[j], std(j))),
-            What::Of(..) | What::Place => {}
+            What::LengthChange => {
+                let (value, std) = (solution.coefficients[j], std(j));
+                let p_value = f_upper((value / std).powi(2), 1, y.len() - selected.columns.len());
+                let is_subtracted = p_value < LENGTH_CHANGE;
+                length_change = Some(LengthChange { value, std, p_value, is_subtracted });
+            }
+            What::LengthStep | What::Of(..) | What::Place => {}
         }
     }
     let mut estimates = estimates(circles, &selected.columns, &solution.coefficients, &covariance);
@@ -445,6 +428,7 @@ fn report(
         pitch,
         spike_time,
         harmonics,
+        length_change,
         residuals: solution.residuals.iter().copied().collect(),
         sigma,
         condition: solution.condition,

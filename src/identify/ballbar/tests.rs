@@ -113,6 +113,40 @@ fn one_direction_shows_no_lateral_play() {
     }
 }
 
+/// A bar that warms up reads less and less in the order of time, which looks like play of both axes.
+#[test]
+fn a_bar_that_grows_is_no_play() {
+    let plain = Machine { noise: 0.00025, off: [0.008, -0.005], ..Machine::default() };
+    let turns = |runs: usize| -> Vec<_> { (0..runs).map(|i| BOTH[i % 2]).collect() };
+    let mut wrong = 0;
+    for (seed, (runs, growth)) in
+        [(2, 0.005), (2, -0.005), (4, 0.005), (2, 0.0), (4, 0.0)].into_iter().enumerate()
+    {
+        for seed in 10 * seed as u64..10 * seed as u64 + 10 {
+            let mut circles = plain.circles(&turns(runs), 720.0, seed);
+            let times = runs::elapsed(&circles.samples);
+            assert!((times[0] + 0.5).abs() < 1e-9 && (times[times.len() - 1] - 0.5).abs() < 1e-9);
+            // a pause of a tenth of the test between the runs
+            let pauses = |s: &Sample| 0.1 * f64::from(s.run);
+            circles.samples.iter_mut().zip(&times).for_each(|(s, t)| s.deviation += growth * (t + pauses(s)));
+            let found =
+                analyse(&circles, &Request { spike_time: Some(SPIKE_TIME), ..Request::default() }).unwrap();
+            let change = found.length_change.unwrap();
+            assert!((change.value - growth).abs() < 4.5 * change.std, "{runs} {seed}: {change:?}");
+            if growth == 0.0 {
+                wrong += usize::from(change.is_subtracted);
+            } else {
+                assert!(change.is_subtracted && change.p_value < 1e-6, "{runs} {seed}: {change:?}");
+            }
+            let play = |e: &&Estimate| matches!(e.effect, Effect::LateralPlay(_) | Effect::Backlash(_));
+            for e in found.estimates.iter().filter(play) {
+                assert!(e.values.iter().all(|v| v.value.abs() < 4.5 * v.std), "{runs} {seed}: {e:?}");
+            }
+        }
+    }
+    assert!(wrong <= 2, "{wrong} of 20 changes that are not there");
+}
+
 fn all() -> Machine {
     Machine {
         square: 45e-6,

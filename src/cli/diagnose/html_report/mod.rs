@@ -450,19 +450,14 @@ fn data(page: &mut Page, session: &Session, r: &Report) {
         .collect();
     page.stacked_table(&head, &rows);
     if !r.outlying_readings.is_empty() {
-        let listed: Vec<String> = r
-            .outlying_readings
-            .iter()
-            .take(OUTLIERS)
-            .map(|o| format!("{} ({} µm from its repeats)", o.at, um(o.apart_um)))
-            .collect();
+        let listed: Vec<String> = r.outlying_readings.iter().take(OUTLIERS).map(|o| o.words(um)).collect();
         let more = r.outlying_readings.len().saturating_sub(OUTLIERS);
         let more = if more > 0 { format!(" and {more} more in report.json") } else { String::new() };
         page.note(format!(
             "{} left out as {}: {}{more}.",
             counted(r.outlying_readings.len(), "reading"),
             if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" },
-            listed.join(", ")
+            listed.join("; ")
         ));
     }
     // the folder of a file says nothing on paper

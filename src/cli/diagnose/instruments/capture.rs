@@ -37,11 +37,16 @@ struct Seen {
 
 /// The axes of a capture by number, with what they do.
 #[derive(Debug, Default)]
-struct Survey(BTreeMap<u32, Seen>);
+struct Survey {
+    axes: BTreeMap<u32, Seen>,
+    /// Kinds of signals that are not read, such as those of a second encoder.
+    unused: BTreeSet<String>,
+}
 
 impl Survey {
     fn of<'a>(signals: impl Iterator<Item = (&'a str, &'a str)>) -> Self {
         let mut axes: BTreeMap<u32, Seen> = BTreeMap::new();
+        let mut unused = BTreeSet::new();
         for (column, (signal, name)) in signals.enumerate() {
             let Some((kind, number)) = signal.split_once('|') else { continue };
             let Ok(number) = number.parse::<u32>() else { continue };
@@ -52,14 +57,23 @@ impl Survey {
             match kind {
                 "DES_POS" => seen.desired = Some(column),
                 "ENC_POS" => seen.actual = Some(column),
-                _ => {}
+                _ => {
+                    unused.insert(kind.to_owned());
+                }
             }
         }
-        Self(axes)
+        Self { axes, unused }
+    }
+
+    /// The signals that are not read, in words.
+    fn unused_text(&self) -> Option<String> {
+        let kinds: Vec<&str> = self.unused.iter().map(String::as_str).collect();
+        (!kinds.is_empty())
+            .then(|| format!("signals not used: {}; DES_POS and ENC_POS are read", kinds.join(", ")))
     }
 
     fn widen(&mut self, value: impl Fn(usize) -> f64) {
-        for seen in self.0.values_mut() {
+        for seen in self.axes.values_mut() {
             let Some(v) = seen.desired.map(&value).filter(|v| v.is_finite()) else { continue };
             let range = seen.range.get_or_insert([v, v]);
             *range = [range[0].min(v), range[1].max(v)];
@@ -69,7 +83,7 @@ impl Survey {
     /// The linear axes that names and behaviour give away, and what was assumed.
     fn guess(&self) -> (Vec<(AxisName, u32)>, Vec<String>) {
         let (mut axes, mut taken, mut left) = (Vec::new(), Vec::new(), Vec::new());
-        for (number, seen) in &self.0 {
+        for (number, seen) in &self.axes {
             // without names the order of the control is X, Y, Z
             let letter = seen.name.chars().next().or(match number {
                 1 => Some('X'),
@@ -107,13 +121,13 @@ impl Survey {
 
     fn channels(&self, path: &Path, axes: &[(AxisName, u32)]) -> Result<Vec<Channel>, Failure> {
         let known = || {
-            let all: Vec<String> = self.0.iter().map(|(n, s)| format!("{n} ({})", s.name)).collect();
+            let all: Vec<String> = self.axes.iter().map(|(n, s)| format!("{n} ({})", s.name)).collect();
             all.join(", ").replace(" ()", "")
         };
         let linear = axes.iter().filter(|(a, _)| a.kind() == AxisKind::Linear);
         let mut channels = Vec::new();
         for (axis, number) in linear {
-            let seen = self.0.get(number);
+            let seen = self.axes.get(number);
             match (seen.and_then(|s| s.desired), seen.and_then(|s| s.actual)) {
                 (Some(desired), Some(actual)) => channels.push(Channel { axis: *axis, desired, actual }),
                 (desired, _) => {
@@ -191,7 +205,10 @@ impl Following {
 
 /// The axes to read: those of --axes, else by their names.
 fn chosen(args: &InstrumentArgs, survey: &Survey) -> (Vec<(AxisName, u32)>, Vec<String>) {
-    if args.axes.is_empty() { survey.guess() } else { (args.axes.clone(), Vec::new()) }
+    let (axes, mut notes) =
+        if args.axes.is_empty() { survey.guess() } else { (args.axes.clone(), Vec::new()) };
+    notes.extend(survey.unused_text());
+    (axes, notes)
 }
 
 /// A capture as a table of its signals.
@@ -272,4 +289,20 @@ pub(super) fn json(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     let machine = summary.header.machine().map_or_else(String::new, |m| format!(" ({m})"));
     let clock = format!("a row every {} ms", summary.header.cycle_ms);
     Ok(following.finish(format!("capture of a SINUMERIK Edge{machine}"), notes, &clock))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Survey;
+
+    #[test]
+    fn signals_that_are_not_read_are_named() {
+        let of = |names: &[&'static str]| Survey::of(names.iter().map(|n| (*n, ""))).unused_text();
+        assert_eq!(of(&["CYCLE", "DES_POS|1", "ENC_POS|1"]), None);
+        let text = of(&["CYCLE", "DES_POS|1", "ENC_POS|1", "ENC1_POS|1", "ENC2_POS|1", "ENC2_POS|2"]);
+        assert_eq!(
+            text.as_deref(),
+            Some("signals not used: ENC1_POS, ENC2_POS; DES_POS and ENC_POS are read")
+        );
+    }
 }

@@ -3,10 +3,12 @@
 use serde_json::{Value, json};
 
 use super::Plan;
-use crate::numerals::{counted, plain};
+use crate::numerals::{counted, plain, small};
 use crate::units::or_dash;
 use volcomp_evaluate::{Centring, CircularReading, Circularity};
-use volcomp_identify::ballbar::{Analysis, Effect, End, Estimate, Harmonic, Note, Plane, Reason, Sample};
+use volcomp_identify::ballbar::{
+    Analysis, Effect, End, Estimate, Harmonic, LengthChange, Note, Plane, Reason, Sample,
+};
 use volcomp_units::{deg_from_rad, mm_from_um, um_from_mm};
 
 /// A feature in the vocabulary of ballbar result files.
@@ -116,7 +118,22 @@ pub(crate) fn note_text(note: &Note) -> String {
         Note::OneFeed => "one feed: the servo mismatch is all of its shape that changes sign with the direction, lag or not; a second feed tells".into(),
         Note::NoFeed => "no feed: the servo mismatch has no value in ms; give --feed-mm-per-min".into(),
         Note::NotWhite { factor } => format!("residuals are autocorrelated along the circle: uncertainties are up to {factor:.1} times wider than from white noise"),
+        Note::LengthChange(change) => length_text(change),
         Note::Arc { covered } => format!("the readings cover {:.0} deg; what happens on the rest of the circle is unknown", deg_from_rad(*covered)),
+    }
+}
+
+fn length_text(change: &LengthChange) -> String {
+    let (value, u, p) = (plain(um_from_mm(change.value), 2), um_from_mm(2.0 * change.std), change.p_value);
+    let p = if p < 0.01 { small(p) } else { format!("{p:.2}") };
+    let found =
+        format!("the length of the bar changes by {value} um during the runs, U {u:.2} um (k = 2), p {p}");
+    if change.is_subtracted {
+        format!(
+            "{found}: subtracted, with a step between runs; let bar and machine come to the temperature of the room, and repeat"
+        )
+    } else {
+        format!("{found}: not significant, not subtracted")
     }
 }
 
@@ -182,6 +199,12 @@ pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
         "circularity_bwd_um": g(|c| c.g_backward),
         "residual_circularity_um": round.residual.as_ref().map(|c| um(widest(c))),
         "residual_rms_um": um(a.sigma),
+        "length_change": a.length_change.map(|c| json!({
+            "value_um": um(c.value),
+            "std_um": um(c.std),
+            "p_value": c.p_value,
+            "subtracted": c.is_subtracted,
+        })),
         "features": all,
         "ranking": a.estimates.iter().enumerate().map(ranked).collect::<Vec<_>>(),
         "not_determined": a.missing.iter().map(missing).collect::<Vec<_>>(),
