@@ -128,10 +128,12 @@ pub fn diagnose(
     if !lengths_um.is_empty() {
         let mut each: Vec<String> = lengths_um.values().map(|length_um| format!("{length_um:.1}")).collect();
         each.dedup();
+        let taken_off = match &each[..] {
+            [one] => format!("a constant of {one} µm is"),
+            _ => format!("constants of {} µm (one for each set-up) are", each.join(", ")),
+        };
         session.notes.push(Note::new(format!(
-            "readings of the ballbar: {} µm {} taken off as the length of the bar and no part of the gap",
-            each.join(", "),
-            if each.len() == 1 { "is" } else { "(one for each set-up) are" }
+            "readings of the ballbar: {taken_off} taken off as the length of the bar and no part of the gap"
         )));
     }
     tell(0.85, "tests of the causes");

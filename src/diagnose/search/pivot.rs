@@ -40,7 +40,8 @@ pub fn turn_about_pivots(
         };
         let (group, others): (Vec<usize>, Vec<usize>) =
             selection.chosen.iter().partition(|v| is_own(v) || goes_with(v));
-        if group.is_empty() {
+        // one displacement is simpler than an angle, unless the angle was chosen
+        if group.is_empty() || group.len() == 1 && !group.iter().any(is_own) {
             continue;
         }
         // an angle has a slope: what displaces must be allowed one, too

@@ -6,7 +6,7 @@ use super::super::noise::Filter;
 use super::super::session::Session;
 use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
-use super::select::{SWAP_GAIN, Selection};
+use super::select::Selection;
 
 /// First and last relative step.
 pub(super) const STEPS: [f64; 6] = [0.25, 0.12, 0.05, 0.02, 0.008, 0.003];
@@ -210,6 +210,13 @@ fn tie(
     put(problem, session, filter, library, variant, shape);
 }
 
+/// RMS of what some variants leave, whitened.
+fn left(problem: &mut Problem, chosen: &[usize]) -> f64 {
+    let given = Selection::given(problem, chosen);
+    let said = problem.contribution(&given.columns, &problem.fit(&given));
+    (&problem.y - said).norm()
+}
+
 /// On the control's own encoders a response for each axis in the place of a common one and differences from it, where that says
 /// more: the difference of two responses is no response.
 pub fn one_response_per_axis(
@@ -228,14 +235,14 @@ pub fn one_response_per_axis(
     if !problem.precise || lags.is_empty() || own.len() < 2 {
         return;
     }
-    let now = selection.evidence_beside(problem, library, &others, &lags);
+    let now = left(problem, &selection.chosen);
     let before: Vec<Shape> = own.iter().map(|v| library.variants[*v].shape.clone()).collect();
     let apart = [&others[..], &own].concat();
     for place in others.len()..apart.len() {
         refine(problem, session, filter, library, &apart, place);
     }
-    apart.iter().for_each(|v| problem.prepare(*v));
-    if selection.evidence_beside(problem, library, &others, &own) > now + SWAP_GAIN {
+    // no model of a drive is exact: drives are taken for alike unless half of what is left goes
+    if left(problem, &apart) < HALF * now {
         lags.iter()
             .filter(|v| !own.contains(v))
             .for_each(|v| selection.ban(library, library.variants[*v].label));

@@ -409,8 +409,12 @@ impl<'a> Part<'a> {
                 let following = self.following(axis, &samples);
                 let lag_s = motion::lag_s(&following, &v);
                 let settled_s = samples.first().map_or(0.0, |s| s.t) + SETTLED_LAGS * lag_s;
-                self.mark_unsettled(axis, &samples, settled_s);
-                motion::reached(axis, &samples, &places, &following, [lag_s, settled_s])
+                let (reached, goes_on) =
+                    motion::reached(axis, &samples, &places, &following, [lag_s, settled_s]);
+                if !goes_on {
+                    self.mark_unsettled(axis, &samples, settled_s);
+                }
+                reached
             } else {
                 places
             };

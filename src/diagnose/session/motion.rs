@@ -4,7 +4,7 @@
 //! three rows). Speeds are differences of commanded positions and only taken where samples follow each other fast;
 //! slower rows are readings at standstill. Nothing is differentiated across a gap.
 
-use super::super::constants::{ACCELERATION_NOISE, FAST_MOVING_S, FAST_S, FEW, ROWS};
+use super::super::constants::{ACCELERATION_NOISE, FAST_MOVING_S, FAST_S, FEW, ROWS, SIGNIFICANT};
 use super::super::moment::{Axis, Signal, Source};
 use super::history::along_log;
 
@@ -129,39 +129,38 @@ const RESPONSES: [[f64; 2]; 9] = [
 ];
 
 /// Where a linear axis is that follows its set points with a lag of `lag_s`: behind them as the response says that leaves least of
-/// `following`, what it was seen behind by in the unit of the positions (NaN where it was not seen) from `settled_s` on.
+/// `following`, what it was seen behind by in the unit of the positions (NaN where it was not seen) from `settled_s` on. With it,
+/// whether it moves before then as the response says for an axis that went on at its first velocity.
 pub(super) fn reached(
     axis: Axis,
     samples: &[Sample],
     position: &[f64],
     following: &[f64],
     [lag_s, settled_s]: [f64; 2],
-) -> Vec<f64> {
+) -> (Vec<f64>, bool) {
     let entries = velocities(samples, position, true);
-    let mut best = (f64::INFINITY, position.to_vec());
+    let mut best = (f64::INFINITY, position.to_vec(), true);
     for [dead, inner] in RESPONSES {
         let (dead_time_s, tau_s) = (dead * lag_s, (1.0 - dead) * lag_s);
         let signal =
             Signal { inner_s: inner * tau_s, dead_time_s, ..Signal::of(Source::Velocity(axis), tau_s) };
         let behind = along_log(&entries, &signal, samples.iter().map(|s| s.t));
-        let (mut product, mut square, mut total) = (0.0, 0.0, 0.0);
-        let seen = samples
-            .iter()
-            .zip(following)
-            .zip(&behind)
-            .filter(|((s, f), _)| s.t >= settled_s && f.is_finite());
-        for ((_, following), behind) in seen {
-            product += following * behind;
-            square += behind * behind;
-            total += following * following;
-        }
+        let seen = || samples.iter().zip(following).zip(&behind).filter(|((_, f), _)| f.is_finite());
+        let settled = || seen().filter(|((s, _), _)| s.t >= settled_s);
+        let [product, square, count] = settled().fold([0.0; 3], |[p, s, n], ((_, following), behind)| {
+            [p + following * behind, s + behind * behind, n + 1.0]
+        });
         let lag_s = if square > 0.0 { product / square } else { 0.0 };
-        let left = total - lag_s * product;
-        if left < best.0 {
-            best = (left, position.iter().zip(&behind).map(|(p, v)| p - lag_s * v).collect());
+        let left = |((_, following), behind): ((&Sample, &f64), &f64)| (following - lag_s * behind).powi(2);
+        let sum: f64 = settled().map(left).sum();
+        if sum < best.0 {
+            let most = SIGNIFICANT.powi(2) * sum / f64::max(count, 1.0);
+            let goes_on =
+                seen().take_while(|((s, _), _)| s.t < settled_s).map(left).all(|square| square <= most);
+            best = (sum, position.iter().zip(&behind).map(|(p, v)| p - lag_s * v).collect(), goes_on);
         }
     }
-    best.1
+    (best.1, best.2)
 }
 
 /// Direction of travel (0 before the first move), distance and time since the last reversal, per sample.
