@@ -3,7 +3,7 @@
 //! `d = eps(q) x (r - c)`: with `eps` and `c` free this is linear in `eps` and in `eps c`, which starts the search; Gauss-Newton
 //! steps end it.
 
-use super::super::constants::{NEARLY, ROUNDS, STRONG};
+use super::super::constants::{ROUNDS, STRONG};
 use super::super::library::{Library, Shape, forms};
 use super::super::noise::Filter;
 use super::super::session::Session;
@@ -69,10 +69,10 @@ pub fn turn_about_pivots(
             Some((evidence(gain, rank + COORDINATES, grid), *v, shape))
         });
         let Some((e, v, shape)) = turned.max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
-        // one error in the place of several, or of one that says less; where it was not chosen, the lever must tell
+        // where the angle was not chosen, the lever must tell
         let wanted = match (group.len(), group.iter().any(is_own)) {
             (1, true) => now + SWAP_GAIN,
-            (_, true) => NEARLY * now,
+            (_, true) => now,
             _ => now + STRONG,
         };
         if e > wanted {
