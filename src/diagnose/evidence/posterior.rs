@@ -121,10 +121,16 @@ impl Search {
     fn run(&mut self) -> Option<(Rungs, Vec<Member>)> {
         let zero = vec![0; self.structure.components.len()];
         let alone = self.target(&[]).ascend(&zero);
+        // a mean over the places has a name, which a discrepancy that came first would take
+        let named = self.target(&[]).ascend_among(&zero, &|component| {
+            !matches!(component, Component::Place(_) | Component::Direction(_) | Component::Speed(_))
+        });
         let mut best = self.settle(zero, Vec::new())?;
-        let other = self.settle(alone, Vec::new())?;
-        if other.2 > best.2 {
-            best = other;
+        for start in [alone, named] {
+            let other = self.settle(start, Vec::new())?;
+            if other.2 > best.2 {
+                best = other;
+            }
         }
         // no formula is exact: what a large effect leaves of its own form must not pass for small ones
         if self.allow_misform(&best.0, &best.1) {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::super::constants::{MOST, NOISE_SCALES, TRIED};
-use super::covariance::{Basis, Structure};
+use super::covariance::{Basis, Component, Structure};
 
 /// Place of the scale of each component in [`NOISE_SCALES`].
 pub(super) type Rungs = Vec<usize>;
@@ -103,6 +103,12 @@ impl Target<'_> {
 
     /// The likeliest scales from a start on, one component at a time.
     pub(super) fn ascend(&self, start: &[usize]) -> Rungs {
+        self.ascend_among(start, &|_| true)
+    }
+
+    /// The same with only some components beside those of the start.
+    pub(super) fn ascend_among(&self, start: &[usize], may_enter: &dyn Fn(Component) -> bool) -> Rungs {
+        let enters = |c: &usize| may_enter(self.structure.components[*c].0);
         let mut known: BTreeMap<Rungs, f64> = BTreeMap::new();
         let mut value = |rungs: &Rungs| -> f64 {
             *known.entry(rungs.clone()).or_insert_with(|| self.log_posterior(rungs))
@@ -112,7 +118,7 @@ impl Target<'_> {
         for _ in 0..MOST {
             let Some(slopes) = self.slopes(&best) else { break };
             let mut steep: Vec<usize> =
-                (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0).collect();
+                (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0 && enters(c)).collect();
             steep.sort_by(|a, b| slopes[*b].total_cmp(&slopes[*a]));
             steep.truncate(TRIED);
             let mut tried: Vec<(usize, usize)> = Vec::new();
