@@ -32,6 +32,8 @@ struct Truth {
     /// The ballbar is longer than stated, and grows over the whole test, um.
     length_um: f64,
     growth_um: f64,
+    /// Angle of the first reading, deg.
+    start_deg: f64,
 }
 
 impl Truth {
@@ -80,7 +82,7 @@ impl Truth {
         for feed in feeds {
             for direction in [1.0, -1.0] {
                 for k in 0..360 {
-                    let angle = f64::from(k) * direction;
+                    let angle = self.start_deg + f64::from(k) * direction;
                     let (sin, cos) = angle.to_radians().sin_cos();
                     let [x, y] = [centre[0] + 150.0 * cos, centre[1] + 150.0 * sin];
                     let velocity = [-direction * sin, direction * cos].map(|v| v * feed / 60.0);
@@ -159,6 +161,25 @@ fn circles_at_two_feeds_are_compared_exactly() {
     assert!(found.iter().all(|d| d.probability > 0.9), "{found:?}");
     let width = parameter(&report, "backlash", "x", "width_um");
     assert!((width - 4.0).abs() < 0.3, "{width}");
+}
+
+/// Differences of places say that an axis has turned round one reading late, where the angle says when.
+#[test]
+fn a_reversal_error_is_known_from_the_first_reading_on() {
+    for start_deg in [0.0, 7.13, 20.46] {
+        let truth = Truth { backlash_um: [4.0, 7.0], start_deg, ..Truth::default() };
+        let (found, report) = declared(&truth.circles(&[1000.0, 3000.0], CENTRE, 0.25, 8), CENTRE);
+        assert_eq!(names(&found), ["backlash:x", "backlash:y"], "{start_deg}");
+        assert!(
+            report["shrink"]["rms_after_um"].as_f64().unwrap() < 0.3,
+            "{start_deg}: {}",
+            report["shrink"]
+        );
+        for (axis, wanted) in [("x", 4.0), ("y", 7.0)] {
+            let width = parameter(&report, "backlash", axis, "width_um");
+            assert!((width - wanted).abs() < 0.1, "{start_deg}, {axis}: {width}");
+        }
+    }
 }
 
 /// About this centre an angular error ECX is nearly the sum of both, and so is a tilt of 2000 " per m/s^2 under acceleration.

@@ -174,6 +174,36 @@ fn the_length_of_the_ballbar_hides_no_cause_of_a_campaign() {
     }
 }
 
+/// No carriage turns about the zero of the axes: what a pivot elsewhere adds is no straightness.
+#[test]
+fn an_angular_error_about_a_guideway_is_one_effect() {
+    for pivot in [[120.0, -500.0], [-80.0, 350.0]] {
+        let roll = |s: &State| {
+            let x = s.p[0] / 500.0;
+            let e = (5.0 * x - 7.0 * x * x) * ARCSEC_UM_PER_MM;
+            [0.0, -e * (s.p[2] - s.tool - pivot[1]), e * (s.p[1] - pivot[0])]
+        };
+        let d = run(&Campaign::full(), &roll, NOISE, &[]);
+        assert_eq!(declared(&d.report), ["angular:eax"], "{}", table(&d.report));
+    }
+}
+
+/// A bar is set to zero, and is warmer, at each mounting.
+#[test]
+fn a_length_of_the_ballbar_for_each_mounting_hides_no_cause() {
+    let lagged = Lagged::of_the_campaign();
+    let all = cases(&lagged);
+    let backlash = &all.iter().find(|c| c.0 == "backlash:x").unwrap().1;
+    let truth = |s: &State| {
+        let length = if s.instrument == "ballbar" { 9.0 * (s.setup as f64 * 2.4).sin() } else { 0.0 };
+        let p = backlash(s);
+        core::array::from_fn(|k| p[k] + length * s.u[k])
+    };
+    let d = run(&Campaign::full(), &truth, NOISE, &[]);
+    assert_eq!(declared(&d.report), ["backlash:x"], "{}", table(&d.report));
+    assert!(d.report.notes.iter().any(|n| n.contains("one for each set-up")), "{:?}", d.report.notes);
+}
+
 #[test]
 fn an_effect_that_varies_over_the_volume_is_one_effect() {
     let campaign = Campaign::full();

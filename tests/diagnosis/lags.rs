@@ -37,6 +37,11 @@ const STEPS: usize = 40;
 /// loops of time constant `inner_s`, `dead` cycles behind their set points; an infinite gain leaves the dead time alone.
 /// The encoder of the first axis is behind a play of `play_mm`.
 fn capture(kv: f64, inner_s: f64, dead: usize, play_mm: f64, seed: u64) -> String {
+    capture_of([kv; 2], inner_s, dead, play_mm, seed)
+}
+
+/// The same with a gain for each axis.
+fn capture_of(kv: [f64; 2], inner_s: f64, dead: usize, play_mm: f64, seed: u64) -> String {
     let mut path = vec![[100.0, 50.0]; 100];
     for (feed, sign) in [(30.0, 1.0), (30.0, -1.0), (120.0, 1.0), (120.0, -1.0)] {
         let (radius, mut way, mut speed) = (30.0, 0.0, 0.0);
@@ -62,13 +67,13 @@ fn capture(kv: f64, inner_s: f64, dead: usize, play_mm: f64, seed: u64) -> Strin
         for axis in 0..2 {
             let command = |share: f64| pair[0][axis] + share * (pair[1][axis] - pair[0][axis]);
             let rates = |at: f64, speed: f64, command: f64| {
-                let wanted = kv * (command - at);
+                let wanted = kv[axis] * (command - at);
                 if inner_s > 0.0 { [speed, (wanted - speed) / inner_s] } else { [wanted, 0.0] }
             };
-            if kv.is_infinite() {
+            if kv[axis].is_infinite() {
                 at[axis] = pair[1][axis];
             }
-            for step in 0..if kv.is_finite() { STEPS } else { 0 } {
+            for step in 0..if kv[axis].is_finite() { STEPS } else { 0 } {
                 // midpoint rule
                 let (dt, share) = (CYCLE_S / STEPS as f64, (step as f64) / STEPS as f64);
                 let [v, a] = rates(at[axis], speed[axis], command(share));
@@ -127,6 +132,50 @@ fn position_loops_lag_and_nothing_else() {
             assert!((found - dead_ms).abs() < 0.1 * total, "{found} for {dead_ms} ms");
         }
     }
+}
+
+/// The motion before a capture is not in it: the first samples depend on what nobody recorded.
+#[test]
+fn a_capture_that_begins_in_motion_lags_and_nothing_else() {
+    let table = capture(40.0, 0.0, 0, 0.0, 21);
+    let mut lines = table.lines();
+    let begun: Vec<&str> = lines.next().into_iter().chain(lines.skip(112)).collect();
+    let found = diagnosed("c.csv", &begun.join("\n"), &["--axes", "x=1,y=2"]);
+    assert_eq!(declared(&found), ["latency"]);
+    let left = found["shrink"]["rms_after_um"].as_f64().unwrap();
+    assert!(left < 0.5, "{left} um");
+    let notes = found["notes"].to_string();
+    assert!(notes.contains("within 10 lags of the begin of an uninterrupted part are left out"), "{notes}");
+}
+
+#[test]
+fn the_lag_of_the_only_axis_is_one_effect_with_two_names() {
+    let table = capture(60.0, 3e-3, 0, 0.0, 22);
+    let one: Vec<String> =
+        table.lines().map(|l| l.split(',').take(3).collect::<Vec<_>>().join(",")).collect();
+    let found = diagnosed("c.csv", &one.join("\n"), &["--axes", "x=1"]);
+    let all = declared(&found);
+    assert_eq!(all.len(), 1, "{all:?}");
+    let other = if all[0] == "latency" { "servo-mismatch:x" } else { "latency" };
+    let cause = found["causes"].as_array().unwrap().iter().find(|c| c["declared"] == true).unwrap();
+    assert!(cause["confounded_with"].to_string().contains(other), "{cause}");
+    assert!(found["shrink"]["rms_after_um"].as_f64().unwrap() < 0.5, "{}", found["shrink"]);
+}
+
+#[test]
+fn drives_with_different_gains_have_each_their_own() {
+    let gains = [50.0, 65.0];
+    let found = diagnosed("c.csv", &capture_of(gains, 2e-3, 0, 0.0, 23), &["--axes", "x=1,y=2"]);
+    let mut all = declared(&found);
+    all.sort();
+    assert_eq!(all, ["servo-mismatch:x", "servo-mismatch:y"]);
+    let causes = found["causes"].as_array().unwrap();
+    for (axis, kv) in ["x", "y"].into_iter().zip(gains) {
+        let cause = causes.iter().find(|c| c["subject"] == axis && c["declared"] == true).unwrap();
+        let gain = cause["parameters"]["velocity_gain_per_s"]["value"].as_f64().unwrap();
+        assert!((gain / kv - 1.0).abs() < 0.05, "{axis}: {gain} for {kv} 1/s");
+    }
+    assert!(found["shrink"]["rms_after_um"].as_f64().unwrap() < 1.0, "{}", found["shrink"]);
 }
 
 #[test]

@@ -390,3 +390,34 @@ fn instruments_read_together_are_thinned_together() {
         assert_eq!(5 * kept, s.readings.len(), "probe {probe}");
     }
 }
+
+#[test]
+fn an_axis_turns_round_where_the_parabola_through_its_readings_does() {
+    use super::motion::{samples, travel};
+    // a cosine read every 0.1 s turns round at 1.03 s
+    let t: Vec<f64> = (0..20).map(|k| 0.1 * f64::from(k)).collect();
+    let position: Vec<f64> = t.iter().map(|t| 100.0 * (0.5 * (t - 1.03)).cos()).collect();
+    let samples = samples(&t, 0, t.len());
+    let found = travel(&samples, &position, None, true);
+    for (k, t) in t.iter().enumerate() {
+        assert_eq!(found.direction[k], if *t < 1.03 { 1.0 } else { -1.0 }, "{t} s");
+        if *t > 1.03 {
+            let way = 100.0 * (1.0 - (0.5 * (t - 1.03)).cos());
+            assert!((found.since[k] - way).abs() < 0.01, "{t} s: {} of {way} mm", found.since[k]);
+            assert!((found.since_s[k] - (t - 1.03)).abs() < 1e-3, "{t} s: {}", found.since_s[k]);
+        }
+    }
+}
+
+#[test]
+fn the_last_target_of_a_standard_cycle_is_read_from_both_sides() {
+    use super::motion::{samples, travel};
+    let position = [0.0, 10.0, 20.0, 20.0, 10.0, 0.0, 0.0, 10.0];
+    let t: Vec<f64> = (0..position.len()).map(|k| 30.0 * k as f64).collect();
+    let samples = samples(&t, 0, t.len());
+    let direction = |position: &[f64]| travel(&samples, position, None, false).direction;
+    assert_eq!(direction(&position), [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0]);
+    // where every target is read twice without moving, so is the last
+    let twice = [0.0, 0.0, 10.0, 10.0, 20.0, 20.0, 10.0, 10.0];
+    assert_eq!(direction(&twice), [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0]);
+}
