@@ -66,3 +66,30 @@ fn a_fine_line_over_three_pitches_shows_the_wave_and_no_table() {
         assert_eq!(declared(&r), ["cyclic"], "{pitch_mm}: {}", r["causes"]);
     }
 }
+
+#[test]
+fn errors_of_a_pitch_that_add_up_are_positioning_and_no_wear() {
+    for seed in 1..7 {
+        let mut step = normal(100 + seed);
+        let mut walk = vec![0.0];
+        (1..17).for_each(|k| walk.push(walk[k - 1] + 1.5 * step()));
+        let white: Vec<f64> = (0..17).map(|_| 2.0 * step()).collect();
+        let targets = if seed % 2 == 0 { equal(17, 30.0) } else { unequal(17, 30.0, 8.0) };
+        for values in [walk, white] {
+            let r = tested(&targets, 5, seed, |k, _| values[k]);
+            let all = declared(&r);
+            assert!(all.contains(&"positioning"), "{seed}: {}", r["causes"]);
+            assert!(all.iter().all(|c| ["positioning", "scale"].contains(c)), "{seed}: {}", r["causes"]);
+        }
+    }
+}
+
+#[test]
+fn a_worn_place_alone_is_wear() {
+    for seed in 1..4 {
+        let centre_mm = 100.0 + 70.0 * seed as f64;
+        let bump = |_: usize, x: f64| -8.0 * (-0.5 * ((x - centre_mm) / 30.0).powi(2)).exp();
+        let r = tested(&equal(21, 20.0), 5, seed, bump);
+        assert_eq!(declared(&r), ["wear"], "{seed}: {}", r["causes"]);
+    }
+}
