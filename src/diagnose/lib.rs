@@ -186,6 +186,8 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             return analysis;
         }
     }
+    // the search weighs all columns alike
+    library.variants.retain(|v| !v.shape.is_process());
     let by_label = library.by_label();
     let grid: Vec<usize> = by_label.iter().map(Vec::len).collect();
     let (mut round, mut raw) = (0, search::RawColumns::default());

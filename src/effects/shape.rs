@@ -102,6 +102,11 @@ pub(crate) trait Form {
         false
     }
 
+    /// True where the columns keep their proportions: the parameters of a random process are all equally large.
+    fn is_process(&self) -> bool {
+        false
+    }
+
     /// The lagged signals that it reads.
     fn signals(&self) -> Vec<&Signal> {
         Vec::new()
@@ -196,6 +201,12 @@ impl Shape {
     #[must_use]
     pub fn is_free_curve(&self) -> bool {
         self.form().is_free_curve()
+    }
+
+    /// True where the columns keep their proportions: the parameters of a random process are all equally large.
+    #[must_use]
+    pub fn is_process(&self) -> bool {
+        self.form().is_process()
     }
 
     /// The lagged signals that it reads.

@@ -4,7 +4,8 @@
 //! (the Kalman filter on node values), [`map`] (a live map of lengths and angles about the offline one),
 //! [`mod@whiten`] (readings with a covariance to rows of a batch), [`clock`] (when a reading was taken),
 //! [`plausibility`] (whether it can be one), [`sensor_initialisation`] (how noisy a sensor is before anything is learned
-//! from it), [`fivedof`] (readings of a 5-DOF laser), [`thermal`] (thermal displacement). Textbook letters as in
+//! from it), [`fivedof`] (readings of a 5-DOF laser), [`thermal`] (thermal displacement), [`aliasing`] (which waves a set of
+//! positions shows). Textbook letters as in
 //! equations 5.8 (`docs/reference/equations.md`): `x` state, `p` covariance, `h` row of the observation, `k` gain,
 //! `r` measurement variance, `nu` innovation, `s` its variance.
 //!
@@ -14,6 +15,7 @@
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
+pub mod aliasing;
 pub mod clock;
 pub mod filter;
 pub mod fivedof;
@@ -27,6 +29,7 @@ pub mod sensor_initialisation;
 pub mod thermal;
 pub mod whiten;
 
+pub use aliasing::SpectralWindow;
 pub use clock::SensorClock;
 pub use filter::{FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
 pub use grid::{GridError, NodeGrid, NodePlace};

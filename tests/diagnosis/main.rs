@@ -10,3 +10,4 @@ mod page;
 mod real;
 mod sensitivity;
 mod support;
+mod targets;

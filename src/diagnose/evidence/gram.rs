@@ -9,6 +9,9 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 use super::super::constants::{DEGENERATE, EFFECT_SCALES, SEEN, SURE};
 use super::covariance::Covariance;
 
+/// Added to the diagonal of a Gram matrix, relative to it.
+const ROUNDING: f64 = 1e-9;
+
 /// Columns of all variants before whitening, each scaled to a root mean square of 1 um.
 #[derive(Clone)]
 pub(super) struct Columns {
@@ -20,6 +23,10 @@ pub(super) struct Columns {
     pub(super) largest: Vec<f64>,
     /// Label of each variant.
     pub(super) label: Vec<usize>,
+    /// The columns of each variant keep their proportions.
+    process: Vec<bool>,
+    /// Column of the line from which each variant is counted, where with that line it says all that goes with a position.
+    pub(super) line: Vec<Option<usize>>,
     /// Number of labels.
     pub(super) labels: usize,
     /// Variants of each label that are seen at all.
@@ -37,6 +44,8 @@ pub(super) struct Gram {
     b: DVector<f64>,
     /// Gram matrix of each variant.
     own: Vec<DMatrix<f64>>,
+    /// The columns of each variant are independent.
+    is_full: Vec<bool>,
     yy: f64,
     freedom: f64,
     /// Log evidence of "none".
@@ -61,6 +70,12 @@ pub(super) struct Conditioned {
     products: Vec<Rc<DVector<f64>>>,
     factors: Vec<f64>,
     chol: Option<Cholesky<f64, nalgebra::Dyn>>,
+    /// Its columns and the lines from which some of them are counted, the products of each, and their Gram matrix without priors.
+    known: Vec<usize>,
+    known_products: Vec<Rc<DVector<f64>>>,
+    flat: Option<Cholesky<f64, nalgebra::Dyn>>,
+    /// A random process is among its members.
+    has_process: bool,
     /// `A^-1 Z'y`.
     solved: DVector<f64>,
     /// Whitened sum of squares that the set leaves.
@@ -85,8 +100,10 @@ impl Gram {
         let b = w.tr_mul(&y);
         let (yy, freedom) = (y.norm_squared().max(f64::MIN_POSITIVE), covariance.freedom() as f64);
         let none = -0.5 * covariance.log_determinant - 0.5 * freedom * yy.ln();
-        let own = columns.span.iter().map(|(at, k)| w.columns(*at, *k).tr_mul(&w.columns(*at, *k))).collect();
-        Self { w, cross: RefCell::default(), b, own, yy, freedom, none }
+        let own: Vec<DMatrix<f64>> =
+            columns.span.iter().map(|(at, k)| w.columns(*at, *k).tr_mul(&w.columns(*at, *k))).collect();
+        let is_full = own.iter().map(|own| is_full(own, own)).collect();
+        Self { w, cross: RefCell::default(), b, own, is_full, yy, freedom, none }
     }
 
     /// Products of one column with all of them.
@@ -119,6 +136,10 @@ impl Gram {
                 products: Vec::new(),
                 factors,
                 chol: None,
+                known: Vec::new(),
+                known_products: Vec::new(),
+                flat: None,
+                has_process: false,
                 solved: DVector::zeros(0),
                 left: self.yy,
                 log_volume: 0.0,
@@ -128,13 +149,32 @@ impl Gram {
         let a = DMatrix::from_fn(k, k, |i, j| {
             products[i][at[j]] * factors[i] * factors[j] + f64::from(u8::from(i == j))
         });
+        let mut known = at.clone();
+        known.extend(set.iter().filter_map(|m| columns.line[m.variant]).filter(|line| !at.contains(line)));
+        let known_products: Vec<Rc<DVector<f64>>> = known.iter().map(|c| self.products(*c)).collect();
+        let flat = DMatrix::from_fn(known.len(), known.len(), |i, j| {
+            known_products[i][known[j]] * if i == j { 1.0 + ROUNDING } else { 1.0 }
+        });
+        let flat = Cholesky::new(flat);
         let b = DVector::from_fn(k, |i, _| self.b[at[i]] * factors[i]);
         let chol = Cholesky::new(a);
         let solved = chol.as_ref().map_or_else(|| DVector::zeros(k), |c| c.solve(&b));
         let left = (self.yy - b.dot(&solved)).max(1e-12 * self.yy);
         let log_volume =
             chol.as_ref().map_or(0.0, |c| 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>());
-        Conditioned { columns: at, products, factors, chol, solved, left, log_volume }
+        Conditioned {
+            columns: at,
+            products,
+            factors,
+            chol,
+            known,
+            known_products,
+            flat,
+            has_process: set.iter().any(|m| columns.process[m.variant]),
+            solved,
+            left,
+            log_volume,
+        }
     }
 
     /// Log evidence of a set.
@@ -160,6 +200,10 @@ impl Gram {
         let mut all = Vec::with_capacity(variants.len() * EFFECT_SCALES.len());
         for variant in variants {
             let (first, k) = columns.span[*variant];
+            // what the set can say already has no name of its own
+            if !self.is_independent(columns, set, *variant) {
+                continue;
+            }
             let (w, t) = self.beside(set, *variant, (first, k));
             for scale in columns.scales(*variant) {
                 let member = Member { variant: *variant, scale, average: 0.0 };
@@ -180,6 +224,26 @@ impl Gram {
         let (member, most) = best?;
         let average = (all.iter().map(|e| (e - most).exp()).sum::<f64>() / all.len() as f64).ln();
         Some(Addition { member: Member { average, ..member }, log_evidence: most + average })
+    }
+
+    /// False where, with a random process on either side, a combination of the columns of a variant is one of those of a set: only the
+    /// priors tell the two apart. What a table leaves of a position is its line, and that has a name of its own.
+    fn is_independent(&self, columns: &Columns, set: &Conditioned, variant: usize) -> bool {
+        let (first, k) = columns.span[variant];
+        let is_line = set.known.contains(&first) && !set.columns.contains(&first);
+        let is_asked = (set.has_process || columns.process[variant]) && self.is_full[variant] && !is_line;
+        let Some(flat) = set.flat.as_ref().filter(|_| is_asked) else { return true };
+        let mut at: Vec<usize> = (first..first + k).collect();
+        at.extend(columns.line[variant].filter(|line| !set.known.contains(line)));
+        let own = if at.len() == k {
+            self.own[variant].clone()
+        } else {
+            let w = self.w.select_columns(&at);
+            w.tr_mul(&w)
+        };
+        let cross = DMatrix::from_fn(set.known.len(), at.len(), |i, j| set.known_products[i][at[j]]);
+        let Some(half) = flat.l_dirty().solve_lower_triangular(&cross) else { return true };
+        is_full(&(&own - half.tr_mul(&half)), &own)
     }
 
     /// Eigenvalues of the conditional Gram matrix of some columns beside a set, and the gap along its directions.
@@ -211,9 +275,11 @@ impl Columns {
     }
 
     /// Places of the scales that a variant can have; above its largest they are all alike.
-    fn scales(&self, variant: usize) -> std::ops::RangeInclusive<usize> {
-        let below = EFFECT_SCALES.iter().filter(|s| **s < self.largest[variant]).count();
-        0..=below.min(EFFECT_SCALES.len() - 1)
+    fn scales(&self, variant: usize) -> impl Iterator<Item = usize> {
+        let step = if self.process[variant] { 1 } else { 2 };
+        let places = (0..EFFECT_SCALES.len()).step_by(step);
+        let below = places.clone().filter(|at| EFFECT_SCALES[*at] < self.largest[variant]).count();
+        places.take(below + 1)
     }
 
     /// Labels with the same column as another that mechanics let be as large (in standard deviations of the white noise).
@@ -240,6 +306,8 @@ impl Columns {
             span,
             largest: self.largest.clone(),
             label: self.label.clone(),
+            process: self.process.clone(),
+            line: vec![None; self.line.len()],
             labels: self.labels,
             variants: self.variants.clone(),
             visible: self.visible,
@@ -247,12 +315,12 @@ impl Columns {
         }
     }
 
-    /// Scales raw columns (a row of `width` values per reading) and finds those that offsets leave under white noise;
-    /// `largest` is the largest standard deviation of each coefficient in units of the white noise.
+    /// Scales raw columns (a row of `width` values per reading), those of a `process` in proportion, and finds those that offsets
+    /// leave under white noise; `largest` is the largest standard deviation of each coefficient in units of the white noise.
     pub(super) fn new(
         raw: &[f64],
         rows: usize,
-        (span, label): (Vec<(usize, usize)>, Vec<usize>),
+        (span, label, process): (Vec<(usize, usize)>, Vec<usize>, Vec<bool>),
         largest: &[f64],
         rank: &[usize],
         white: &Covariance,
@@ -260,13 +328,15 @@ impl Columns {
         let labels = rank.len();
         let width = span.last().map_or(0, |(at, k)| at + k);
         let mut values = DMatrix::from_row_slice(rows, width, raw);
-        let mut norms = Vec::with_capacity(width);
-        for mut c in values.column_iter_mut() {
-            let norm = (c.norm_squared() / rows.max(1) as f64).sqrt();
-            if norm > 0.0 {
-                c /= norm;
-            }
-            norms.push(norm);
+        let mut norms: Vec<f64> =
+            values.column_iter().map(|c| (c.norm_squared() / rows.max(1) as f64).sqrt()).collect();
+        for ((at, k), _) in span.iter().zip(&process).filter(|(_, is_process)| **is_process) {
+            let own = &mut norms[*at..at + k];
+            let mean = own.iter().map(|n| n * n).sum::<f64>() / *k as f64;
+            own.fill(mean.sqrt());
+        }
+        for (mut c, norm) in values.column_iter_mut().zip(&norms).filter(|(_, norm)| **norm > 0.0) {
+            c /= *norm;
         }
         let of = |(at, k): &(usize, usize)| (*at..at + k).map(|c| largest[c] * norms[c]).fold(0.0, f64::max);
         let largest = span.iter().map(of).collect();
@@ -301,8 +371,19 @@ impl Columns {
         }
         aliases.dedup();
         let visible = variants.iter().filter(|v| !v.is_empty()).count();
-        Self { values, span, largest, label, labels, variants, visible, aliases }
+        let line = vec![None; span.len()];
+        Self { values, span, largest, label, process, line, labels, variants, visible, aliases }
     }
+}
+
+/// True where no combination of columns with this Gram matrix vanishes against the mean square of the whole columns.
+fn is_full(gram: &DMatrix<f64>, whole: &DMatrix<f64>) -> bool {
+    let least = match gram.nrows() {
+        0 => return false,
+        1 => gram[(0, 0)],
+        _ => gram.symmetric_eigenvalues().min(),
+    };
+    least > DEGENERATE * whole.trace() / whole.nrows().max(1) as f64
 }
 
 /// True for two single columns that are the same but for their size.

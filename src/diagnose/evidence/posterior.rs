@@ -8,6 +8,7 @@ use super::super::constants::{
     LEAST_PROBABILITY, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, TIMES, TRIED,
 };
 use super::super::library::{Kind, Library, Shape};
+use super::super::moment::Axis;
 use super::super::search::raw_columns;
 use super::super::session::Session;
 use super::covariance::{Component, Covariance, Structure};
@@ -132,6 +133,7 @@ impl Search {
                 best = other;
             }
         }
+        best = self.again(best)?;
         // no formula is exact: what a large effect leaves of its own form must not pass for small ones
         if self.allow_misform(&best.0, &best.1) {
             self.visited.clear();
@@ -144,14 +146,7 @@ impl Search {
             }
             let first = self.settle(start, best.1)?;
             let second = self.settle(open, Vec::new())?;
-            best = if second.2 > first.2 { second } else { first };
-        }
-        if let Some((gram, sets)) = self.visited.get_mut(&best.0) {
-            let before = sets::most(sets);
-            sets::restart(gram, &self.columns, &best.1, sets);
-            if sets::most(sets) > before {
-                best = self.settle(best.0, best.1)?;
-            }
+            best = self.again(if second.2 > first.2 { second } else { first })?;
         }
         let (rungs, members, _) = best;
         if let Some((gram, sets)) = self.visited.get_mut(&rungs) {
@@ -159,6 +154,14 @@ impl Search {
         }
         self.ladder(&rungs)?;
         Some((rungs, members))
+    }
+
+    /// The likeliest scales and set, where the search begins again without each member in turn.
+    fn again(&mut self, best: (Rungs, Vec<Member>, f64)) -> Option<(Rungs, Vec<Member>, f64)> {
+        let Some((gram, sets)) = self.visited.get_mut(&best.0) else { return Some(best) };
+        let before = sets::most(sets);
+        sets::restart(gram, &self.columns, &best.1, sets);
+        if sets::most(sets) > before { self.settle(best.0, best.1) } else { Some(best) }
     }
 
     /// Set and scales in turn, until neither changes; with the log weight.
@@ -197,6 +200,12 @@ impl Search {
                 parts.push((self.columns.label[m.variant], m.variant, part));
             }
         }
+        // what goes with the place alone has a name where a random process of the same axis is among the effects
+        let has_name = |shape: &Shape| {
+            let of = |s: &Shape| s.acts_along().zip(s.over());
+            self.shapes.iter().any(|s| s.is_process() && of(s) == of(shape))
+        };
+        parts.retain(|(_, variant, _)| !has_name(&self.shapes[*variant]));
         for (label, variant, part) in &parts {
             self.structure.misform(*label, &self.shapes[*variant], part);
         }
@@ -295,7 +304,9 @@ pub(super) fn compare(
     let names = library.variants.iter().flat_map(|v| v.shape.parameters());
     let largest: Vec<f64> =
         names.map(|p| prior_sd(&p).map_or(f64::INFINITY, |sd| sd / base.white_um)).collect();
-    let columns = Columns::new(&raw, n, (span, label), &largest, &rank, &white);
+    let process = library.variants.iter().map(|v| v.shape.is_process()).collect();
+    let mut columns = Columns::new(&raw, n, (span, label, process), &largest, &rank, &white);
+    columns.line = lines(library, &columns);
     let points = points(session, &base.groups);
     let mut outlying: Vec<(usize, f64)> = Vec::new();
     for round in 0.. {
@@ -323,6 +334,19 @@ pub(super) fn compare(
         return conclude(&search, rungs, outlying);
     }
     None
+}
+
+/// The column of the scale from which each table of an axis is counted, where it is seen.
+fn lines(library: &Library, columns: &Columns) -> Vec<Option<usize>> {
+    let scale = |axis: Axis| {
+        let is_scale = |v: &usize| matches!(&library.variants[*v].shape, Shape::Scale(s) if s.axis == axis);
+        columns.variants.iter().flatten().copied().find(is_scale).map(|v| columns.span[v].0)
+    };
+    let of = |shape: &Shape| match shape {
+        Shape::PitchTable(t) if t.process.is_from_line() => scale(t.axis),
+        _ => None,
+    };
+    library.variants.iter().map(|v| of(&v.shape)).collect()
 }
 
 /// Which of two labels with the same column stands for both: the machine before the instrument, all axes before one.

@@ -92,11 +92,17 @@ fn forward(
 }
 
 /// Climbs again, from what forward search finds without each member in turn: one effect that resembles the sum of two comes in
-/// first and cannot be exchanged for both at once.
+/// first and cannot be exchanged for both at once. So does a table with its slope: climbs from the line alone, too.
 pub(super) fn restart(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) {
     for m in members {
         let start = forward(gram, columns, (Vec::new(), gram.none), Some(columns.label[m.variant]), sets);
         climb(gram, columns, &start.0, sets);
+        let line = columns.variants[columns.label[m.variant]].iter().find_map(|v| columns.line[*v]);
+        let label = line.and_then(|line| columns.span.iter().position(|s| s.0 == line));
+        let none = gram.condition(columns, &[]);
+        if let Some(alone) = label.and_then(|v| gram.addition(columns, &none, columns.label[v])) {
+            climb(gram, columns, &[alone.member], sets);
+        }
     }
 }
 

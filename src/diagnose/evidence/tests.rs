@@ -143,8 +143,8 @@ fn plate(seed: u64, wild: [f64; 2]) -> Raw {
     for hole in 0..16u32 {
         let k = 7 * hole % 16;
         let [x, y] = [k % 4, k / 4].map(|i| 60.0 * f64::from(i));
-        for axis in 0..2 {
-            let bad = if hole == 3 { wild[axis] } else { 0.0 };
+        for (axis, wild) in wild.into_iter().enumerate() {
+            let bad = if hole == 3 { wild } else { 0.0 };
             let d = if axis == 0 { 0.09 * y } else { 0.0 } + bad + 2.0 * random.normal();
             let u = [0, 1].map(|i| f64::from(u8::from(i == axis)));
             let row = [f64::from(hole), 0.0, 0.0, 0.0, x, y, u[0], u[1], 0.0, d, 0.0];

@@ -100,7 +100,18 @@ fn peak(samples: &[(f64, f64)], shortest: f64) -> Option<(f64, f64)> {
     // the power of noise is spread exponentially: its median is ln 2 of its mean
     let mean = median(&mut power.clone()) / LN_2;
     let stands_out = power[top] > mean * ((count as f64).ln() + STRONG);
-    stands_out.then(|| (1.0 / (first + step * top as f64), 1.0 / span))
+    let between = if (1..count - 1).contains(&top) {
+        vertex([power[top - 1], power[top], power[top + 1]])
+    } else {
+        0.0
+    };
+    stands_out.then(|| (1.0 / (first + step * (top as f64 + between)), 1.0 / span))
+}
+
+/// Place of the vertex of the parabola through three values of which the middle one is the largest, in steps from it.
+fn vertex([before, at, after]: [f64; 3]) -> f64 {
+    let curvature = before - 2.0 * at + after;
+    if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Curves over the position of an axis: positioning and straightness.
 
+use super::pitch_table;
 use crate::polynomial::legendre;
 use crate::prelude::*;
 
@@ -22,6 +23,7 @@ pub(super) fn positioning(data: &Data, of: &Subject) -> Variants {
     if (4..FEW).contains(&targets.len()) {
         shapes.push(PositionTable { axis, targets_mm: targets.clone() }.into());
     }
+    shapes.extend(pitch_table::tables(axis, targets));
     // with more than one setup, other programs tell lost motion from a table: then the two stay apart
     if data.reverses[axis.slot()] && data.one_setup {
         for high in data.degrees(axis, Some(axis), &BOTH_WAYS) {
@@ -251,7 +253,11 @@ impl Shape {
         let is_line = matches!(self, Self::Squareness { .. } | Self::Scale { .. });
         let is_counted = matches!(
             self,
-            Self::Polynomial { .. } | Self::PositionTable { .. } | Self::Reverse { .. } | Self::Cyclic { .. }
+            Self::Polynomial { .. }
+                | Self::PositionTable { .. }
+                | Self::PitchTable { .. }
+                | Self::Reverse { .. }
+                | Self::Cyclic { .. }
         );
         !is_line && !is_counted
     }

@@ -1,5 +1,7 @@
 //! Periodic error of a screw or an encoder.
 
+use volcomp_estimate::SpectralWindow;
+
 use crate::prelude::*;
 
 /// Pitches of screws and scales, mm.
@@ -13,6 +15,8 @@ const MODULES: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
 const FINE_STEPS: usize = 24;
 /// Longest pitch, as a share of half the range.
 const LONGEST: f64 = 0.8;
+/// Farther from a pitch of the catalogue, in periods over the travel, it is another one.
+const SAME_PITCH: f64 = 0.5;
 /// A pitch is known to a small part of a period over the travel: its share of a step of refinement.
 const PITCH_STEP: f64 = 0.04;
 
@@ -20,23 +24,31 @@ const PITCH_STEP: f64 = 0.04;
 pub(super) fn cyclic(data: &Data, of: &Subject) -> Variants {
     let axis = of.axis;
     let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
-    let mut steps: Vec<f64> = data.positions[axis.slot()].windows(2).map(|w| w[1] - w[0]).collect();
+    let positions = &data.positions[axis.slot()];
+    let mut steps: Vec<f64> = positions.windows(2).map(|w| w[1] - w[0]).collect();
     steps.sort_by(f64::total_cmp);
-    // some of the positions must lie close together, wherever
+    // some of the positions lie close together, wherever, or they are so unequal that no slower wave looks the same
     let step = steps.get(FINE_STEPS).copied().unwrap_or(f64::INFINITY);
-    let seen = |p: &f64| *p < LONGEST * 0.5 * (high - low) && *p > 4.0 * step;
-    let mut pitches = [&PITCHES[..], &MODULES.map(|m| m * PI)].concat();
+    let window = SpectralWindow::new(&data.looked_at[axis.slot()][axis.slot()]);
+    let seen = |p: &f64| *p < LONGEST * 0.5 * (high - low) && (*p > 4.0 * step || !window.is_aliased(*p));
+    let mut pitches: Vec<f64> = catalogue().collect();
     pitches.sort_by(f64::total_cmp);
     let shapes: Vec<Shape> = pitches
         .into_iter()
         .filter(seen)
         .flat_map(|p| [(p, 1), (p, 2)])
+        .filter(|(p, harmonics)| seen(&(p / *harmonics as f64)))
         .map(|(pitch_mm, harmonics)| Cyclic { axis, along: axis, pitch_mm, harmonics }.into())
         .collect();
     if shapes.is_empty() {
-        return Err("positions are too far apart for a screw's pitch".into());
+        return Err("at these positions the error of a screw's pitch looks like a slower one; measure at unequal distances".into());
     }
     Ok(shapes)
+}
+
+/// The pitches that are tried, mm.
+fn catalogue() -> impl Iterator<Item = f64> {
+    PITCHES.into_iter().chain(MODULES.map(|m| m * PI))
 }
 
 /// `SUM c_n cos(2 pi n x/pitch) - c_n + s_n sin(2 pi n x/pitch)`.
@@ -81,6 +93,11 @@ impl Form for Cyclic {
 
     fn is_valid(&self) -> bool {
         self.pitch_mm > 0.0
+    }
+
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
+        let [low, high] = span(self.axis);
+        catalogue().any(|p| ((high - low) * (1.0 / self.pitch_mm - 1.0 / p)).abs() <= SAME_PITCH)
     }
 
     fn changed(&self, f: f64) -> Vec<Shape> {

@@ -18,6 +18,7 @@ mod friction;
 mod inertia;
 mod lag;
 mod load;
+mod pitch_table;
 mod rotary;
 mod scale;
 mod squareness;
@@ -73,6 +74,7 @@ shapes! {
     curves::Polynomial,
     curves::Reverse,
     curves::PositionTable,
+    pitch_table::PitchTable,
     angular::Angular,
     expansion::Thermal,
     displacement::Growth,

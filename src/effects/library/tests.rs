@@ -338,3 +338,43 @@ fn the_symbol_of_a_pair_is_the_rotation_of_its_later_axis_against_the_first() {
         }
     }
 }
+
+#[test]
+fn tables_of_a_process_hold_every_value_of_their_targets_and_those_from_a_line_no_slope() {
+    let data = Data {
+        looked_at: core::array::from_fn(|_| {
+            core::array::from_fn(|_| vec![0.0, 10.0, 25.0, 31.0, 60.0, 75.0])
+        }),
+        ..all_data()
+    };
+    let positioning = EFFECTS.iter().find(|e| e.name == "positioning").unwrap();
+    let subject = positioning.subjects.all().into_iter().find(|s| s.axis == Axis::X).unwrap();
+    let shapes = (positioning.variants)(&data, &subject).unwrap();
+    let tables: Vec<&forms::PitchTable> = shapes
+        .iter()
+        .filter_map(|s| if let Shape::PitchTable(table) = s { Some(table) } else { None })
+        .collect();
+    assert_eq!(tables.len(), 4);
+    for table in tables {
+        let at = |x: f64| {
+            let mut m = MachineState::default();
+            m.position[0] = x;
+            evaluated(&Shape::from(table.clone()), &m).iter().map(|d| d.x).collect::<Vec<f64>>()
+        };
+        let rows: Vec<Vec<f64>> = table.targets_mm.iter().map(|x| at(*x)).collect();
+        let width = rows[0].len();
+        assert_eq!(width, if table.process.is_from_line() { 4 } else { 5 }, "{:?}", table.process);
+        for k in 0..width {
+            let sum: f64 = rows.iter().map(|r| r[k]).sum();
+            let slope: f64 = rows.iter().zip(&table.targets_mm).map(|(r, x)| r[k] * x).sum();
+            assert!(sum.abs() < 1e-12, "{:?} {k}: {sum}", table.process);
+            assert!(!table.process.is_from_line() || slope.abs() < 1e-10, "{:?} {k}: {slope}", table.process);
+        }
+        let a = nalgebra::DMatrix::from_fn(6, width, |i, k| rows[i][k]);
+        assert_eq!(a.rank(1e-9), width);
+        // straight lines between, held beyond
+        let middle: Vec<f64> = rows[1].iter().zip(&rows[2]).map(|(a, b)| 0.5 * (a + b)).collect();
+        assert!(at(17.5).iter().zip(&middle).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert_eq!(at(90.0), rows[5]);
+    }
+}

@@ -1,0 +1,95 @@
+//! ISO 230-2 tests of one axis: what the places of the targets let tell apart.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
+
+use core::f64::consts::TAU;
+use std::fmt::Write as _;
+
+use serde_json::Value;
+
+use crate::instruments::diagnose;
+use crate::support::normal;
+
+/// The report on a test of X, both directions, with noise of 0.5 um; the deviation in um by number and place of the target.
+fn tested(targets_mm: &[f64], cycles: u32, seed: u64, deviation_um: impl Fn(usize, f64) -> f64) -> Value {
+    let mut noise = normal(seed);
+    let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    for cycle in 1..=cycles {
+        let targets = targets_mm.iter().copied().enumerate();
+        for (sign, way) in [(1, targets.clone().collect::<Vec<_>>()), (-1, targets.rev().collect())] {
+            for (k, x) in way {
+                writeln!(table, "{cycle},{sign},{x:.2},{:.3}", deviation_um(k, x) + 0.5 * noise()).unwrap();
+            }
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("x.csv");
+    std::fs::write(&path, table).unwrap();
+    diagnose(&path, &["--axis", "x"]).0
+}
+
+fn declared(r: &Value) -> Vec<&str> {
+    let causes = r["causes"].as_array().unwrap().iter().filter(|c| c["declared"] == true);
+    causes.map(|c| c["effect"].as_str().unwrap()).collect()
+}
+
+/// Targets as ISO 230-2 asks for: (i - 1) p + r, where r covers a pitch of the screw.
+fn unequal(count: u32, step_mm: f64, pitch_mm: f64) -> Vec<f64> {
+    let r = |i: u32| f64::from(i * i * 7919 % 1009) / 1009.0;
+    (0..count).map(|i| step_mm * f64::from(i) + pitch_mm * r(i)).collect()
+}
+
+fn equal(count: u32, step_mm: f64) -> Vec<f64> {
+    (0..count).map(|i| step_mm * f64::from(i)).collect()
+}
+
+#[test]
+fn unequal_targets_show_the_pitch_of_a_screw_and_equal_ones_do_not() {
+    let wave = |pitch_mm: f64| move |_: usize, x: f64| 2.0 * (TAU * x / pitch_mm + 0.7).sin();
+    for (count, step_mm, pitch_mm) in [(21, 20.0, 10.0), (25, 16.0, 5.0), (18, 30.0, 12.0)] {
+        let r = tested(&unequal(count, step_mm, pitch_mm), 5, 1, wave(pitch_mm));
+        assert_eq!(declared(&r), ["cyclic"], "{pitch_mm}: {}", r["causes"]);
+        assert_eq!(r["verdict"], "explained");
+        let found = r["causes"][0]["parameters"].to_string() + &r["causes"][0].to_string();
+        assert!(found.contains("pitch_mm"), "{found}");
+        let r = tested(&equal(count, step_mm + 1.0), 5, 1, wave(pitch_mm));
+        assert!(!declared(&r).contains(&"cyclic"), "{pitch_mm}: {}", r["causes"]);
+    }
+}
+
+#[test]
+fn a_fine_line_over_three_pitches_shows_the_wave_and_no_table() {
+    for (seed, pitch_mm) in [(1, 5.0), (2, 10.0), (3, 12.0)] {
+        let fine = equal(25, pitch_mm / 8.0);
+        let r = tested(&fine, 2, seed, |_, x| 2.0 * (TAU * x / pitch_mm).sin());
+        assert_eq!(declared(&r), ["cyclic"], "{pitch_mm}: {}", r["causes"]);
+    }
+}
+
+#[test]
+fn errors_of_a_pitch_that_add_up_are_positioning_and_no_wear() {
+    for seed in 1..7 {
+        let mut step = normal(100 + seed);
+        let mut walk = vec![0.0];
+        (1..17).for_each(|k| walk.push(walk[k - 1] + 1.5 * step()));
+        let white: Vec<f64> = (0..17).map(|_| 2.0 * step()).collect();
+        let targets = if seed % 2 == 0 { equal(17, 30.0) } else { unequal(17, 30.0, 8.0) };
+        for values in [walk, white] {
+            let r = tested(&targets, 5, seed, |k, _| values[k]);
+            let all = declared(&r);
+            assert!(all.contains(&"positioning"), "{seed}: {}", r["causes"]);
+            assert!(all.iter().all(|c| ["positioning", "scale"].contains(c)), "{seed}: {}", r["causes"]);
+        }
+    }
+}
+
+#[test]
+fn a_worn_place_alone_is_wear() {
+    for seed in 1..4 {
+        let centre_mm = 100.0 + 70.0 * seed as f64;
+        let bump = |_: usize, x: f64| -8.0 * (-0.5 * ((x - centre_mm) / 30.0).powi(2)).exp();
+        let r = tested(&equal(21, 20.0), 5, seed, bump);
+        assert_eq!(declared(&r), ["wear"], "{seed}: {}", r["causes"]);
+    }
+}
