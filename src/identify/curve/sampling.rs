@@ -1,7 +1,10 @@
 //! What the distance of the targets hides: errors that repeat with the pitch of a screw.
 //!
 //! Targets at a multiple of the pitch meet the screw at the same angle every time: its error looks like an
-//! offset (alias at zero). Targets farther apart than half a pitch show it as a slower wave (equations 5.9).
+//! offset (alias at zero). Targets farther apart than half a pitch show it as a slower wave (equations 5.9), unless their
+//! distances are unequal.
+
+use volcomp_estimate::SpectralWindow;
 
 /// Pitches of ball screws in machine tools, mm.
 pub const COMMON_PITCHES: [f64; 7] = [5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0];
@@ -34,6 +37,7 @@ pub fn hidden(positions: &[f64], pitches: &[f64]) -> Hidden {
     let middle = gaps.len() / 2;
     let spacing = *gaps.select_nth_unstable_by(middle, f64::total_cmp).1;
     let mut found = Hidden { spacing, ..Hidden::default() };
+    let window = SpectralWindow::new(&x);
     for &pitch in pitches.iter().filter(|p| **p > 0.0) {
         let (c, s) = x.iter().fold((0.0, 0.0), |(c, s), x| {
             let (sin, cos) = (core::f64::consts::TAU * (x / pitch).fract()).sin_cos();
@@ -42,7 +46,7 @@ pub fn hidden(positions: &[f64], pitches: &[f64]) -> Hidden {
         // over less than one pitch the targets are near each other, which is another matter
         if f64::hypot(c, s) / x.len() as f64 > SAME_ANGLE && span >= pitch * (1.0 - 1e-9) {
             found.constant.push(pitch);
-        } else if spacing >= 0.5 * pitch * (1.0 - 1e-9) {
+        } else if spacing >= 0.5 * pitch * (1.0 - 1e-9) && window.is_aliased(pitch) {
             found.slower.push(pitch);
         }
     }
@@ -71,8 +75,13 @@ mod tests {
 
     #[test]
     fn uneven_targets_are_coarse_but_not_blind() {
-        let x: Vec<f64> = (0..21).map(|i| f64::from(i) * 20.0 + f64::from(i * i % 7)).collect();
-        let found = hidden(&x, &[10.0]);
-        assert_eq!((found.constant.len(), found.slower.len()), (0, 1));
+        let targets = |pitch: f64| -> Vec<f64> {
+            (0..21).map(|i| f64::from(i) * 20.0 + pitch * f64::from(i * i * 7919 % 1009) / 1009.0).collect()
+        };
+        let found = hidden(&targets(10.0), &COMMON_PITCHES);
+        assert_eq!((found.constant, found.slower), (vec![], vec![20.0]));
+        // over a small part of the pitch they are equal
+        assert_eq!(hidden(&targets(0.5), &[10.0]).constant, [10.0]);
+        assert_eq!(hidden(&targets(2.0), &[10.0]).slower, [10.0]);
     }
 }

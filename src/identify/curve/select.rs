@@ -8,8 +8,10 @@ use super::error::FitError;
 use super::figures::Figures;
 use super::fitted::{CurveFit, Note, ReversalFit};
 use super::request::{Basis, Period, Request, Reversal};
+use super::sampling::COMMON_PITCHES;
 use super::solve::{Design, Factor};
 use super::{periods, support};
+use volcomp_estimate::SpectralWindow;
 use volcomp_model::Curve;
 use volcomp_model::curve::{Chebyshev, Interpolation, MAX_TERMS, Table};
 use volcomp_units::axes::Travel;
@@ -27,6 +29,10 @@ const AUTO_HARMONICS_LIMIT: usize = 8;
 /// Positions that each number of a series with fitted period needs, where its order is chosen: a period that is free
 /// bends a few harmonics through almost any few points.
 const POSITIONS_PER_NUMBER: usize = 2;
+/// Most positions of a test with targets, where the wave of a screw's pitch is looked for, and how much shorter than the common ones
+/// a pitch may be.
+const POSITIONS_SCREW: usize = 200;
+const PITCH_MARGIN: f64 = 0.8;
 /// Most numbers that describe a reversal, and positions measured in both directions that each of them needs.
 const REVERSAL_COLUMNS: usize = 6;
 const REVERSAL_POSITIONS: usize = 4;
@@ -84,7 +90,34 @@ pub(super) fn best_of_all(data: &Data, request: &Request) -> Result<CurveFit, Fi
     {
         best = other;
     }
+    if let Some(other) = screw_wave(data, request, &best) {
+        best = other;
+    }
     Ok(table_where_better(data, best, request))
+}
+
+/// One wave of a pitch shorter than two mean distances of the targets, where these do not alias it. The best of many pitches is
+/// better by chance, too: AICc must fall by twice the logarithm of the number of pitches that the range tells apart as well.
+fn screw_wave(data: &Data, request: &Request, best: &CurveFit) -> Option<CurveFit> {
+    let positions = &data.positions;
+    let given = request.order.is_some() || !matches!(request.period, Period::Auto);
+    if given || !request.further_periods.is_empty() || positions.len() > POSITIONS_SCREW {
+        return None;
+    }
+    let shortest = COMMON_PITCHES.into_iter().fold(f64::INFINITY, f64::min);
+    let [longest, _] = periods::period_range(positions, 1);
+    let low = PITCH_MARGIN * shortest;
+    let tellable = (positions[positions.len() - 1] - positions[0]) * (1.0 / low - 1.0 / longest);
+    if tellable < 1.0 {
+        return None;
+    }
+    let wave = Request { order: Some(1), period: Period::Within([low, longest]), ..request.clone() };
+    let found = best_of_basis(data, Basis::Fourier, &wave).ok()?;
+    let price = AICC_STEP + 2.0 * tellable.ln();
+    let is_taken = improvement(data, &best.figures, &found.figures) > price
+        && predicts_no_worse(best, &found)
+        && found.period.is_some_and(|p| !SpectralWindow::new(positions).is_aliased(p));
+    is_taken.then_some(found)
 }
 
 /// The table where it describes the targets better, or where straight lines between them predict a left-out target

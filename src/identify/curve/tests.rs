@@ -248,3 +248,26 @@ proptest! {
         prop_assert!((a.figures.aicc_in_unit(scale).unwrap() - b.figures.aicc.unwrap()).abs() < 1e-6);
     }
 }
+
+#[test]
+fn unequal_targets_show_the_wave_of_a_screw_and_equal_ones_a_table() {
+    let wave = |x: f64| 2e-3 * (core::f64::consts::TAU * x / 10.0 + 0.4).sin();
+    let tested = |targets: &[f64], value: &dyn Fn(usize, f64) -> f64| -> CurveFit {
+        let cycle = |cycle: u32| {
+            let noise = move |i: usize| 5e-4 * noise(i + 100 * cycle as usize);
+            readings(targets, |i, x| value(i, x) + noise(i)).into_iter().map(move |r| Reading { cycle, ..r })
+        };
+        let all: Vec<Reading> = (1..=5).flat_map(cycle).collect();
+        fit(&all, &Request::default()).unwrap()
+    };
+    let unequal: Vec<f64> =
+        (0..21).map(|i| 20.0 * f64::from(i) + 10.0 * f64::from(i * i * 7919 % 1009) / 1009.0).collect();
+    let found = tested(&unequal, &|_, x| wave(x));
+    assert_eq!(found.basis, Basis::Fourier);
+    assert!((found.period.unwrap() - 10.0).abs() < 0.01, "{:?}", found.period);
+    assert!(found.figures.position_rmse.unwrap() < 6e-4, "{:?}", found.figures);
+    let equal = tested(&grid(21, 21.0), &|_, x| wave(x));
+    assert!(equal.period.is_none_or(|p| p > 42.0), "{:?}", equal.period);
+    // values that have nothing to do with each other are no wave
+    assert_eq!(tested(&unequal, &|i, _| 2e-3 * noise(7000 + i)).basis, Basis::Table);
+}
