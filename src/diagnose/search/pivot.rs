@@ -27,7 +27,9 @@ pub fn turn_about_pivots(
     // what was chosen first: about its own pivot it may say all that another would
     let is_chosen = |label: &usize| selection.chosen.iter().any(|v| library.variants[*v].label == *label);
     let (chosen, rest): (Vec<usize>, Vec<usize>) = (0..library.labels.len()).partition(is_chosen);
-    for label in chosen.into_iter().chain(rest) {
+    // what else hangs on the axis may be its form, too: a sag, a scale, a worn place
+    let every = chosen.into_iter().chain(rest).flat_map(|label| [(label, false), (label, true)]);
+    for (label, with_lines) in every {
         let variants: Vec<usize> = library.by_label().swap_remove(label);
         let Some(Shape::Angular(first)) = variants.first().map(|v| library.variants[*v].shape.clone()) else {
             continue;
@@ -35,8 +37,9 @@ pub fn turn_about_pivots(
         let is_own = |v: &usize| library.variants[*v].label == label;
         let goes_with = |v: &usize| {
             let shape = &library.variants[*v].shape;
-            let along = shape.acts_along().filter(|a| a.direction() != first.about.direction());
-            shape.is_free_curve() && shape.over() == Some(first.over) && along.is_some()
+            let is_across = shape.acts_along().map(|a| a.direction() != first.about.direction());
+            let displaces = !matches!(shape, Shape::Angular(_)) && is_across.unwrap_or(with_lines);
+            displaces && shape.over() == Some(first.over) && (with_lines || shape.is_free_curve())
         };
         let (group, others): (Vec<usize>, Vec<usize>) =
             selection.chosen.iter().partition(|v| is_own(v) || goes_with(v));
