@@ -20,6 +20,7 @@ mod localise;
 mod next;
 pub mod noise;
 mod offsets;
+mod orthonormal;
 mod outcome;
 pub mod plan;
 mod predict;

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::machine_state::MachineState;
+use crate::machine_state::{Axis, MachineState};
+use crate::shape::Span;
 use volcomp_model::ModelSpec;
 use volcomp_model::geometry::Vec3;
 
@@ -36,6 +37,13 @@ impl Lever {
             }
         }
         r
+    }
+
+    /// True where the pivot is no further from the tip than `most` of the longest travel in the data.
+    pub(crate) fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3], most: f64) -> bool {
+        let travels = Axis::LINEAR.into_iter().map(span).map(|[low, high]| high - low);
+        let longest = travels.fold(0.0, f64::max);
+        (0..3).all(|k| (self.home_mm[k] - tip_mm[k]).abs() <= most * longest)
     }
 
     /// The tip of the model's own tool, or what stands for it, at home, mm.

@@ -4,11 +4,15 @@ use nalgebra::{DMatrix, DVector};
 use volcomp_model::statistics::{f_limit, normal_two_sided};
 
 use super::super::constants::{LITTLE, NEARLY, SIGNIFICANT, SURE};
+use super::super::orthonormal::orthonormal;
 use super::super::session::Session;
 use super::covariance::Covariance;
 use super::gram::{Gram, Member};
 use super::posterior::Search;
 use super::scales::{self, Rungs};
+
+/// Singular value below which a direction is one of rounding, relative to the largest.
+const DEPENDENT: f64 = 1e-8;
 
 /// Groups of readings that are coordinates of one point: single readings that follow each other, taken at one time and place
 /// along different directions, such as x and y of a hole.
@@ -104,18 +108,8 @@ impl Search {
 
 /// Orthonormal basis of the whitened columns.
 fn basis(covariance: &Covariance, columns: &[DVector<f64>]) -> Option<DMatrix<f64>> {
-    let rows = covariance.rows();
     if columns.is_empty() {
-        return Some(DMatrix::zeros(rows, 0));
+        return Some(DMatrix::zeros(covariance.rows(), 0));
     }
-    let svd = covariance.whiten(&DMatrix::from_columns(columns)).svd(true, false);
-    let least = 1e-8 * svd.singular_values.max();
-    let u = svd.u?;
-    let kept: Vec<DVector<f64>> = u
-        .column_iter()
-        .zip(svd.singular_values.iter())
-        .filter(|(_, s)| **s > least)
-        .map(|(c, _)| c.into_owned())
-        .collect();
-    Some(if kept.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&kept) })
+    orthonormal(covariance.whiten(&DMatrix::from_columns(columns)), DEPENDENT)
 }

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use super::super::assessment::is_same;
 use super::super::decision::Assessed;
 use super::super::library::{Library, Without};
+use super::super::orthonormal::orthonormal;
 use super::super::report::Cause;
 use super::super::search::Problem;
 use super::super::session::Session;
@@ -112,16 +113,7 @@ fn basis(columns: &[DVector<f64>]) -> Option<DMatrix<f64>> {
     if some.is_empty() {
         return None;
     }
-    let svd = DMatrix::from_columns(&some).svd(true, false);
-    let least = DEGENERATE * svd.singular_values.max();
-    let u = svd.u?;
-    let kept: Vec<DVector<f64>> = u
-        .column_iter()
-        .zip(svd.singular_values.iter())
-        .filter(|(_, s)| **s > least)
-        .map(|(c, _)| c.into_owned())
-        .collect();
-    Some(DMatrix::from_columns(&kept))
+    orthonormal(DMatrix::from_columns(&some), DEGENERATE)
 }
 
 #[cfg(test)]

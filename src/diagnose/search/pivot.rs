@@ -28,9 +28,11 @@ pub fn turn_about_pivots(
     let is_chosen = |label: &usize| selection.chosen.iter().any(|v| library.variants[*v].label == *label);
     let (chosen, rest): (Vec<usize>, Vec<usize>) = (0..library.labels.len()).partition(is_chosen);
     // what else hangs on the axis may be its form, too: a sag, a scale, a worn place
+    let by_label = library.by_label();
+    let mut in_vain = None;
     let every = chosen.into_iter().chain(rest).flat_map(|label| [(label, false), (label, true)]);
     for (label, with_lines) in every {
-        let variants: Vec<usize> = library.by_label().swap_remove(label);
+        let variants = &by_label[label];
         let Some(Shape::Angular(first)) = variants.first().map(|v| library.variants[*v].shape.clone()) else {
             continue;
         };
@@ -47,6 +49,10 @@ pub fn turn_about_pivots(
         if group.is_empty() || group.len() == 1 && !group.iter().any(is_own) {
             continue;
         }
+        let tried = Some((label, group.clone()));
+        if in_vain == tried {
+            continue;
+        }
         // an angle has a slope: what displaces must be allowed one, too
         let given = Selection::given(problem, &others);
         let sloped: Vec<usize> = group
@@ -54,8 +60,8 @@ pub fn turn_about_pivots(
             .map(|own| {
                 let label = library.variants[*own].label;
                 let value = |v: &usize| selection.found(problem, library, &given, *v).evidence;
-                let variants = library.by_label().swap_remove(label);
-                let sloped = variants.into_iter().filter(|v| library.variants[*v].shape.has_slope());
+                let sloped =
+                    by_label[label].iter().copied().filter(|v| library.variants[*v].shape.has_slope());
                 sloped.max_by(|a, b| value(a).total_cmp(&value(b))).unwrap_or(*own)
             })
             .collect();
@@ -82,6 +88,9 @@ pub fn turn_about_pivots(
             put(problem, session, filter, library, v, shape);
             selection.chosen = others;
             selection.chosen.push(v);
+            in_vain = None;
+        } else {
+            in_vain = tried;
         }
     }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
@@ -97,17 +106,14 @@ fn pivoted(
 ) -> Option<Shape> {
     let across: Vec<usize> = (0..3).filter(|k| *k != shape.about.direction()).collect();
     let columns = |shape: &forms::Angular| problem.whitened(session, filter, &shape.clone().into());
-    let moved = |shape: &forms::Angular, k: usize| {
-        let mut shape = shape.clone();
-        shape.lever.home_mm[k] += STEP_MM;
-        columns(&shape)
-    };
     let width = shape.degree;
     // a displacement by each term of the curve along each direction: the difference of two levers
     let blocks = |shape: &forms::Angular| -> (Vec<Vec<f64>>, Vec<Vec<Vec<f64>>>) {
         let own = columns(shape);
         let differ = |k: &usize| {
-            let pairs = moved(shape, *k).into_iter().zip(&own);
+            let mut moved = shape.clone();
+            moved.lever.home_mm[*k] += STEP_MM;
+            let pairs = columns(&moved).into_iter().zip(&own);
             pairs.map(|(m, o)| m.iter().zip(o).map(|(m, o)| m - o).collect()).collect()
         };
         let differences = across.iter().map(differ).collect();

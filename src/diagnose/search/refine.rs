@@ -192,25 +192,21 @@ fn tie(
         candidates.push((says(problem, &delay).0, delay));
         candidates.extend(position_loop(session, problem.precise, (axes, lag_ms), &|s| says(problem, s)));
     }
-    let Some((_, shape)) = candidates.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+    let best = candidates.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((_, Shape::Lag(found))) = best else { return };
     // what the same readings see is the same response under any name
-    let seen = |axes: &[Axis]| -> Vec<bool> {
-        let is_seen = |a: &Axis| session.moments.iter().any(|m| m.u[a.direction()] != 0.0);
-        Axis::LINEAR.iter().map(|a| axes.contains(a) && is_seen(a)).collect()
-    };
-    if let Shape::Lag(found) = &shape {
-        for other in 0..library.variants.len() {
-            let Shape::Lag(lag) = &library.variants[other].shape else { continue };
-            if other != variant && seen(&lag.axes) == seen(axes) {
-                let same = Shape::Lag(found.over(lag.axes.clone()));
-                put(problem, session, filter, library, other, same);
-            }
+    let seen = session.axes_seen();
+    let of = |axes: &[Axis]| seen.iter().filter(|a| axes.contains(a)).copied().collect::<Vec<_>>();
+    for other in 0..library.variants.len() {
+        let Shape::Lag(lag) = &library.variants[other].shape else { continue };
+        if of(&lag.axes) == of(axes) {
+            let same = Shape::Lag(found.over(lag.axes.clone()));
+            put(problem, session, filter, library, other, same);
         }
     }
-    put(problem, session, filter, library, variant, shape);
 }
 
-/// RMS of what some variants leave, whitened.
+/// Root of the sum of squares that some variants leave, whitened.
 fn left(problem: &mut Problem, chosen: &[usize]) -> f64 {
     let given = Selection::given(problem, chosen);
     let said = problem.contribution(&given.columns, &problem.fit(&given));
@@ -228,9 +224,9 @@ pub fn one_response_per_axis(
 ) {
     let is_lag = |v: &usize| matches!(library.variants[*v].shape, Shape::Lag(_));
     let (lags, others): (Vec<usize>, Vec<usize>) = selection.chosen.iter().partition(|v| is_lag(v));
-    let is_seen = |a: Axis| session.moments.iter().any(|m| m.u[a.direction()] != 0.0);
+    let seen = session.axes_seen();
     let own: Vec<usize> = (0..library.variants.len())
-        .filter(|v| matches!(&library.variants[*v].shape, Shape::Lag(lag) if matches!(lag.axes[..], [a] if is_seen(a))))
+        .filter(|v| matches!(&library.variants[*v].shape, Shape::Lag(lag) if matches!(lag.axes[..], [a] if seen.contains(&a))))
         .collect();
     if !problem.precise || lags.is_empty() || own.len() < 2 {
         return;

@@ -310,6 +310,13 @@ impl Session {
         self.has_reference_line || !one_line && turned()
     }
 
+    /// The linear axes along which some reading looks.
+    #[must_use]
+    pub(crate) fn axes_seen(&self) -> Vec<Axis> {
+        let is_seen = |a: &Axis| self.moments.iter().any(|m| m.u[a.direction()] != 0.0);
+        Axis::LINEAR.into_iter().filter(is_seen).collect()
+    }
+
     /// True where every set-up looks across the only linear axis that moves in it, the same in all, from which the slope of its
     /// reference line is not known (ISO 230-1, straightness).
     fn is_straightness_test(&self) -> bool {

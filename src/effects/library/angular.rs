@@ -87,9 +87,7 @@ impl Form for Angular {
     }
 
     fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3]) -> bool {
-        let travels = Axis::LINEAR.into_iter().map(span).map(|[low, high]| high - low);
-        let longest = travels.fold(0.0, f64::max);
-        (0..3).all(|k| (self.lever.home_mm[k] - tip_mm[k]).abs() <= PIVOT_MAX * longest)
+        self.lever.is_within(span, tip_mm, PIVOT_MAX)
     }
 
     fn is_valid(&self) -> bool {

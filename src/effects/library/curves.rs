@@ -63,7 +63,7 @@ pub struct Polynomial {
 
 impl Form for Polynomial {
     fn parameters(&self) -> Vec<String> {
-        (self.low..=self.high).map(|k| format!("p{k}_um")).collect()
+        coefficients(self.low..=self.high)
     }
 
     fn width(&self) -> usize {
@@ -98,6 +98,16 @@ impl Form for Polynomial {
     }
 }
 
+/// Names of coefficients, which say nothing without the curve.
+pub(super) fn coefficients(orders: core::ops::RangeInclusive<usize>) -> Vec<String> {
+    orders.map(|k| format!("p{k}_um")).collect()
+}
+
+/// True for positions that go up.
+pub(super) fn are_targets(targets_mm: &[f64]) -> bool {
+    targets_mm.windows(2).all(|w| w[0] < w[1]) && targets_mm.iter().all(|x| x.is_finite())
+}
+
 /// Values at the targets, straight lines between, counted from their least-squares line: a column for each target but the two
 /// at the ends, which the others determine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -109,8 +119,7 @@ pub struct PositionTable {
 
 impl Form for PositionTable {
     fn parameters(&self) -> Vec<String> {
-        // the names of coefficients, which say nothing without the curve
-        (1..=self.width()).map(|k| format!("p{k}_um")).collect()
+        coefficients(1..=self.width())
     }
 
     fn width(&self) -> usize {
@@ -136,10 +145,7 @@ impl Form for PositionTable {
     }
 
     fn is_valid(&self) -> bool {
-        let is_ascending = self.targets_mm.windows(2).all(|w| w[0] < w[1]);
-        is_ascending
-            && self.targets_mm.iter().all(|x| x.is_finite())
-            && (1..=WIDTH_MAX).contains(&self.width())
+        are_targets(&self.targets_mm) && (1..=WIDTH_MAX).contains(&self.width())
     }
 
     fn acts_along(&self) -> Option<Axis> {

@@ -1,5 +1,6 @@
 //! Deviations at the targets of a positioning test as a random process.
 
+use super::curves::{are_targets, coefficients};
 use crate::prelude::*;
 
 /// Variants of `positioning` with a value at each target.
@@ -100,8 +101,7 @@ impl PitchTable {
 
 impl Form for PitchTable {
     fn parameters(&self) -> Vec<String> {
-        // the names of coefficients, which say nothing without the curve
-        (1..=self.width()).map(|k| format!("p{k}_um")).collect()
+        coefficients(1..=self.width())
     }
 
     fn width(&self) -> usize {
@@ -130,10 +130,7 @@ impl Form for PitchTable {
     }
 
     fn is_valid(&self) -> bool {
-        let is_ascending = self.targets_mm.windows(2).all(|w| w[0] < w[1]);
-        is_ascending
-            && self.targets_mm.iter().all(|x| x.is_finite())
-            && (1..=WIDTH_MAX).contains(&self.width())
+        are_targets(&self.targets_mm) && (1..=WIDTH_MAX).contains(&self.width())
     }
 
     fn acts_along(&self) -> Option<Axis> {

@@ -27,14 +27,13 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     let fed = samples.iter().all(|s| s.feed.is_some());
     let names = "t_s setup run repeat moving x_mm y_mm z_mm u_x u_y u_z deviation_um";
     let mut names: Vec<String> = names.split(' ').map(str::to_owned).collect();
+    let letters = axes.map(|k| ["x", "y", "z"][k]);
     if fed {
-        for k in axes {
-            let letter = ["x", "y", "z"][k];
+        for letter in letters {
             names.extend([format!("v{letter}_mm_per_s"), format!("a{letter}_mm_per_s2")]);
         }
     }
     // known from the angle, where differences of places are one reading late
-    let letters = axes.map(|k| ["x", "y", "z"][k]);
     names.extend(letters.map(|axis| format!("dir_{axis}")));
     for axis in letters {
         names.push(format!("since_reversal_{axis}_mm"));
