@@ -123,7 +123,7 @@ impl InputValidation {
         &self.travel
     }
 
-    /// Seconds of control time since the frame before.
+    /// Seconds of control time since the frame before: none for the first of a link, one cycle after frames that were not finite.
     ///
     /// # Errors
     /// Why the frame must not be used. It is compared with the next one all the same (except where it is not
@@ -155,9 +155,11 @@ impl InputValidation {
             return Err(Reason::NotFinite);
         }
         let Some(last) = self.last else {
+            // time has passed since frames that were not finite, though no position tells how much
+            let since = self.newest.map_or(0.0, |_| self.cycle_s);
             self.remember(frame, position);
             self.turning_point = *position;
-            return Ok(0.0);
+            return Ok(since);
         };
         let verdict = self.compare(&last, frame, position);
         let verdict = verdict.and_then(|dt| self.watch_motion(&last, frame, position, dt));

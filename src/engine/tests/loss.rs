@@ -159,3 +159,22 @@ fn an_offset_on_its_way_to_zero_is_taken_back_ahead_of_a_soft_limit() {
     }
     assert!(limited && w.last.state == State::RampingOut, "the ramp alone takes 5 s");
 }
+
+#[test]
+fn the_first_position_after_a_recount_among_frames_that_were_not_finite_uses_its_own_cycle() {
+    let mut w = World::active(&config());
+    w.frame.commanded[1] = f64::NAN;
+    // past the stray frames of the other count, and into the way out
+    w.frame.sequence = w.frame.sequence.wrapping_add(u32::MAX / 2);
+    while w.last.state != State::RampingOut {
+        w.cycle();
+    }
+    // half way out, where the offset moves fastest
+    w.run((config().ramp_s / CYCLE_S / 2.0) as usize);
+    w.frame.commanded[1] = 0.0;
+    let mut offsets = vec![w.last.offset[0]];
+    offsets.extend((0..4).map(|_| w.cycle().offset[0]));
+    let changes: Vec<f64> = offsets.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let most = LIMITS.acceleration * CYCLE_S * CYCLE_S;
+    assert!(changes.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= most * 1.000_001), "{changes:?}");
+}
