@@ -193,8 +193,8 @@ impl Structure {
                     turning.iter().map(|s| at(i).direction[*s] * at(j).direction[*s]).sum::<f64>()
                         / turning.len() as f64
                 };
-                components
-                    .push((Component::Direction(l), build(&|i, j| u(i, j) * product(i, j) * near(i, j))));
+                let m = build(&|i, j| u(i, j) * product(i, j) * near(i, j));
+                components.push((Component::Direction(l), beside_means(m, &reversals(&means, &turning))));
             }
             let fastest: Vec<(usize, f64)> = moving
                 .iter()
@@ -220,6 +220,28 @@ impl Structure {
         let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
         Self { groups, white_um: least, white, components, offsets, duration_s, near, means, places }
     }
+}
+
+/// What a reversal of each axis that is the same everywhere does along each coordinate, a column each.
+fn reversals(means: &[Moment], turning: &[usize]) -> Vec<DVector<f64>> {
+    let of = |s: usize, c: usize| DVector::from_fn(means.len(), |k, _| means[k].direction[s] * means[k].u[c]);
+    turning.iter().flat_map(|s| (0..3).map(move |c| (*s, c))).map(|(s, c)| of(s, c)).collect()
+}
+
+/// The covariance of what varies about the mean: a mean has a name (backlash, lateral play) and is no discrepancy.
+fn beside_means(mut m: DMatrix<f64>, means: &[DVector<f64>]) -> DMatrix<f64> {
+    let mut basis = Basis::default();
+    means.iter().for_each(|column| basis.add(column.clone()));
+    if basis.vectors.is_empty() {
+        return m;
+    }
+    let basis = DMatrix::from_columns(&basis.vectors);
+    for _ in 0..2 {
+        let known = basis.tr_mul(&m);
+        m.gemm(-1.0, &basis, &known, 1.0);
+        m.transpose_mut();
+    }
+    m
 }
 
 /// Programmed point of each row: position, directions of travel and direction of sensitivity.
