@@ -61,8 +61,8 @@ fn place(m: &Moment, k: usize) -> f64 {
     m.position.get(k).copied().unwrap_or_else(|| m.u[k - SLOTS])
 }
 
-/// Readings averaged into some [`ROWS_MAX`] groups, at most twice as many or nothing: along the path in position, speed and
-/// time where an axis moves while it is read, else by place. Never by stride, which would lose the samples under acceleration
+/// Readings averaged into some [`ROWS_MAX`] groups, at most twice as many or nothing: along the path in position, speed, time and
+/// time since a reversal where an axis moves while it is read, else by place. Never by stride, which would lose the samples under acceleration
 /// that tell a latency from a backlash. The mean of readings is a linear function of them, so that effects are averaged alike
 /// and nothing is biased.
 pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>> {
@@ -81,6 +81,9 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>
         places.extend([2.0; 3]);
     }
     let velocity: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.velocity[k])).collect();
+    // what friction does decays within readings of a reversal
+    let since = |m: &Moment, k: usize| m.since_s[k].ln();
+    let turned: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| since(m, k))).collect();
     let time = span(session, |m| m.t_s);
     let share = ROWS_MAX as f64 / all.len() as f64;
     let mut groups: Vec<Vec<usize>> = Vec::new();
@@ -99,7 +102,10 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>
                     let each = spans.iter().enumerate().map(|(k, span)| (of(a, k) - of(b, k)) / span);
                     each.filter(|d| d.is_finite()).map(f64::abs).sum()
                 };
-                far(&place, &places) + far(&|m, k| m.velocity[k], &velocity) + (b.t_s - a.t_s).abs() / time
+                far(&place, &places)
+                    + far(&|m, k| m.velocity[k], &velocity)
+                    + far(&since, &turned)
+                    + (b.t_s - a.t_s).abs() / time
             };
             along(&rows, wanted, &step, &mut groups);
         } else {
