@@ -39,6 +39,8 @@ pub struct Data {
     pub positions: [Vec<f64>; 3],
     /// Those at which some reading looks along an axis: `[axis that moves][axis looked along]`.
     pub looked_at: [[Vec<f64>; 3]; 3],
+    /// Positions at which readings look along the axis itself are looked at twice in the mean.
+    pub revisits: [bool; 3],
     /// Tool lengths differ.
     pub tools: bool,
     /// A tool length is stated.

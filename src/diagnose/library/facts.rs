@@ -43,6 +43,10 @@ pub(super) fn data(s: &Session) -> Data {
             let along = |b: Axis| positions(s, a, &|m| m.u[b.slot()].abs() > SEES);
             Axis::LINEAR.map(|b| if moved[a.slot()] { along(b) } else { Vec::new() })
         }),
+        revisits: Axis::LINEAR.map(|a| {
+            let along = |m: &Moment| m.u[a.slot()].abs() > SEES;
+            s.moments.iter().filter(|m| along(m)).count() >= 2 * positions(s, a, &along).len()
+        }),
         tools: changes(MOVES[0], &|m| m.tool_length_mm),
         lengths: any(&|m| m.tool_length_mm.is_finite()),
         ranges: changes(MOVES[0], &|m| m.range_mm),

@@ -23,7 +23,10 @@ pub(super) fn positioning(data: &Data, of: &Subject) -> Variants {
     if (4..FEW).contains(&targets.len()) {
         shapes.push(PositionTable { axis, targets_mm: targets.clone() }.into());
     }
-    shapes.extend(pitch_table::tables(axis, targets));
+    // a value of its own for every reading is noise
+    if data.revisits[axis.slot()] {
+        shapes.extend(pitch_table::tables(axis, targets));
+    }
     // with more than one setup, other programs tell lost motion from a table: then the two stay apart
     if data.reverses[axis.slot()] && data.one_setup {
         for high in data.degrees(axis, Some(axis), &BOTH_WAYS) {

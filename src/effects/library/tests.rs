@@ -58,6 +58,7 @@ fn all_data() -> Data {
         sees: [true; 3],
         positions: core::array::from_fn(|_| (-300..=300).map(f64::from).collect()),
         looked_at: core::array::from_fn(|_| core::array::from_fn(|_| (-300..=300).map(f64::from).collect())),
+        revisits: [true; 3],
         tools: true,
         lengths: true,
         ranges: true,
