@@ -175,7 +175,7 @@ impl Structure {
             [_] => true,
             _ => false,
         };
-        let point = points(session, &groups, &means);
+        let point = points(&means);
         let count = point.iter().max().map_or(0, |p| p + 1);
         let places = places(&means, &moving);
         for (l, length) in LENGTHS.iter().enumerate() {
@@ -245,15 +245,14 @@ fn beside_means(mut m: DMatrix<f64>, means: &[DVector<f64>]) -> DMatrix<f64> {
 }
 
 /// Programmed point of each row: position, directions of travel and direction of sensitivity.
-fn points(session: &Session, groups: &[Vec<usize>], means: &[Moment]) -> Vec<usize> {
+fn points(means: &[Moment]) -> Vec<usize> {
     let mut known: BTreeMap<Vec<i64>, usize> = BTreeMap::new();
     let key = |k: usize| {
         let m = &means[k];
         let position = m.position.iter().map(|p| (p * 1e3).round() as i64);
         let direction = m.direction.iter().map(|d| *d as i64);
         let u = m.u.iter().map(|c| (c * 50.0).round() as i64);
-        let setup = session.readings[groups[k][0]].setup as i64;
-        position.chain(direction).chain(u).chain([setup]).collect::<Vec<_>>()
+        position.chain(direction).chain(u).collect::<Vec<_>>()
     };
     (0..means.len())
         .map(|k| {
