@@ -39,8 +39,10 @@ pub struct Data {
     pub positions: [Vec<f64>; 3],
     /// Those at which some reading looks along an axis: `[axis that moves][axis looked along]`.
     pub looked_at: [[Vec<f64>; 3]; 3],
-    /// Positions at which readings look along the axis itself are looked at twice in the mean.
-    pub revisits: [bool; 3],
+    /// Those at which some reading looks along a linear axis itself, and those of a rotary axis, in order, mm or rad.
+    pub targets: [Vec<f64>; SLOTS],
+    /// They are looked at twice in the mean.
+    pub revisits: [bool; SLOTS],
     /// Tool lengths differ.
     pub tools: bool,
     /// A tool length is stated.

@@ -9,7 +9,7 @@ use crate::machine_state::Axis;
 pub enum Over {
     /// Position.
     Position(Axis),
-    /// Position within one period, mm.
+    /// Position within one period, mm or rad.
     Period(Axis, f64),
     /// Distance since the last reversal, no more than so many mm.
     SinceReversal(Axis, f64),

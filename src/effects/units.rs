@@ -1,7 +1,7 @@
 //! Units of parameters: each name ends in its own.
 
 /// Ends of names, longest first, and the units as a person writes them.
-const UNITS: [(&str, &str); 20] = [
+const UNITS: [(&str, &str); 21] = [
     ("_um_per_m_per_s2_per_m", "µm per m/s² and m"),
     ("_arcsec_per_m_per_s2", "″ per m/s²"),
     ("_um_per_1000rpm_to_the_power", "µm per (1000 rpm)^p"),
@@ -15,6 +15,7 @@ const UNITS: [(&str, &str); 20] = [
     ("_arcsec", "″"),
     ("_per_s", "1/s"),
     ("_degc", "°C"),
+    ("_deg", "°"),
     ("_ppm", "µm/m"),
     ("_um", "µm"),
     ("_mm", "mm"),

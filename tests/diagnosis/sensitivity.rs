@@ -13,12 +13,17 @@ use super::support::normal;
 /// A table with the columns of ISO 230-2 for a rotary axis: five cycles over the whole turn and back; `angle_arcsec` of
 /// position (deg) and direction.
 fn test(seed: u64, noise_arcsec: f64, angle_arcsec: &dyn Fn(f64, f64) -> f64) -> String {
+    test_at(&core::array::from_fn::<f64, 13, _>(|k| 30.0 * k as f64), seed, noise_arcsec, angle_arcsec)
+}
+
+/// The same at some targets, deg.
+fn test_at(targets: &[f64], seed: u64, noise_arcsec: f64, angle_arcsec: &dyn Fn(f64, f64) -> f64) -> String {
     let mut noise = normal(seed);
     let mut table = "cycle,direction,target_deg,deviation_arcsec\n".to_owned();
     for cycle in 1..=5 {
         for sign in [1.0, -1.0] {
-            for k in 0..13 {
-                let target = 30.0 * f64::from(if sign > 0.0 { k } else { 12 - k });
+            for k in 0..targets.len() {
+                let target = targets[if sign > 0.0 { k } else { targets.len() - 1 - k }];
                 let deviation = angle_arcsec(target, sign) + noise_arcsec * noise();
                 writeln!(table, "{cycle},{sign},{target},{deviation:.3}").unwrap();
             }
@@ -64,6 +69,35 @@ fn an_eccentric_scale_is_no_location_of_the_axis() {
             let group = cause["confounded_with"].to_string();
             assert!(!group.contains("rotary-location") && !group.contains("rotary-motion"), "{group}");
         }
+    }
+}
+
+#[test]
+fn the_wave_of_a_worm_wheel_is_named_with_its_number_of_teeth() {
+    for (seed, teeth) in [(11, 72.0), (12, 90.0), (13, 118.0)] {
+        // no two distances are equal, so that no slower wave looks the same
+        let targets: [f64; 21] =
+            core::array::from_fn(|k| 17.0 * k as f64 + 5.0 * ((7 * k * k) % 19) as f64 / 19.0);
+        let truth = |q: f64, sign: f64| {
+            1.5 * (teeth * q.to_radians() + f64::from(seed as u32)).sin() + if sign < 0.0 { 2.0 } else { 0.0 }
+        };
+        let found = report(&test_at(&targets, seed, 0.5, &truth), None, "c");
+        assert_eq!(declared(&found), ["backlash:c", "cyclic:c"], "{teeth}");
+        let causes = found["causes"].as_array().unwrap();
+        let wave = causes.iter().find(|c| c["effect"] == "cyclic").unwrap();
+        assert_eq!(wave["parameters"]["waves_per_turn_1"]["value"], teeth);
+        assert!((wave["parameters"]["pitch_deg"]["value"].as_f64().unwrap() - 360.0 / teeth).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn values_at_the_stations_of_an_indexing_table_are_its_positioning() {
+    for seed in [21, 22] {
+        let mut station = normal(seed + 100);
+        let values: [f64; 13] = core::array::from_fn(|_| 3.0 * station());
+        let truth = |q: f64, _: f64| values[(q / 30.0).round() as usize % 12];
+        let found = report(&test(seed, 0.5, &truth), None, "c");
+        assert_eq!(declared(&found), ["positioning:c"], "{seed}");
     }
 }
 

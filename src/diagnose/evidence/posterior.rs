@@ -339,11 +339,16 @@ pub(super) fn compare(
 /// The column of the scale from which each table of an axis is counted, where it is seen.
 fn lines(library: &Library, columns: &Columns) -> Vec<Option<usize>> {
     let scale = |axis: Axis| {
-        let is_scale = |v: &usize| matches!(&library.variants[*v].shape, Shape::Scale(s) if s.axis == axis);
+        let is_scale = |v: &usize| match &library.variants[*v].shape {
+            Shape::Scale(s) => s.axis == axis,
+            Shape::RotaryScale(s) => s.frame.axis == axis,
+            _ => false,
+        };
         columns.variants.iter().flatten().copied().find(is_scale).map(|v| columns.span[v].0)
     };
     let of = |shape: &Shape| match shape {
         Shape::PitchTable(t) if t.process.is_from_line() => scale(t.axis),
+        Shape::RotaryTable(t) if t.process.is_from_line() => scale(t.frame.axis),
         _ => None,
     };
     library.variants.iter().map(|v| of(&v.shape)).collect()

@@ -8,8 +8,9 @@ use super::super::session::{Session, is_encoder};
 use super::STILL;
 use volcomp_effects::data::Data;
 
-/// Positions that differ by less are one, um.
-const SAME_UM: f64 = 1.0;
+/// Positions that differ by less are one.
+const SAME_MM: f64 = 1e-3;
+const SAME_RAD: f64 = 1e-5;
 
 /// The facts of a session.
 pub(super) fn data(s: &Session) -> Data {
@@ -26,6 +27,8 @@ pub(super) fn data(s: &Session) -> Data {
     let position = |i: usize| spread(&|m| m.position[i]).filter(|[l, h]| h - l > STILL);
     let moved = of_axes(&|i| position(i).is_some());
     let any = |is: &dyn Fn(&Moment) -> bool| s.moments.iter().any(is);
+    let targets = Axis::ALL
+        .map(|a| if moved[a.slot()] { positions(s, a, &looks_along(a)) } else { Vec::new() });
     let sources = s.history.sources().into_iter();
     Data {
         machine: s.machine.clone(),
@@ -43,10 +46,11 @@ pub(super) fn data(s: &Session) -> Data {
             let along = |b: Axis| positions(s, a, &|m| m.u[b.slot()].abs() > SEES);
             Axis::LINEAR.map(|b| if moved[a.slot()] { along(b) } else { Vec::new() })
         }),
-        revisits: Axis::LINEAR.map(|a| {
-            let along = |m: &Moment| m.u[a.slot()].abs() > SEES;
-            s.moments.iter().filter(|m| along(m)).count() >= 2 * positions(s, a, &along).len()
+        revisits: Axis::ALL.map(|a| {
+            let count = s.moments.iter().filter(|m| looks_along(a)(m)).count();
+            count >= 2 * targets[a.slot()].len()
         }),
+        targets,
         tools: changes(MOVES[0], &|m| m.tool_length_mm),
         lengths: any(&|m| m.tool_length_mm.is_finite()),
         ranges: changes(MOVES[0], &|m| m.range_mm),
@@ -76,11 +80,17 @@ fn soonest_s(s: &Session, slot: usize) -> f64 {
 
 /// The positions of an axis at some readings, mm, in order, each once.
 fn positions(s: &Session, axis: Axis, of: &dyn Fn(&Moment) -> bool) -> Vec<f64> {
-    let um = |m: &Moment| (m.position[axis.slot()] * 1e3 / SAME_UM).round() as i64;
-    let mut seen: Vec<i64> = s.moments.iter().filter(|m| of(m)).map(um).collect();
+    let same = if axis.is_linear() { SAME_MM } else { SAME_RAD };
+    let place = |m: &Moment| (m.position[axis.slot()] / same).round() as i64;
+    let mut seen: Vec<i64> = s.moments.iter().filter(|m| of(m)).map(place).collect();
     seen.sort_unstable();
     seen.dedup();
-    seen.into_iter().map(|um| um as f64 * SAME_UM * 1e-3).collect()
+    seen.into_iter().map(|place| place as f64 * same).collect()
+}
+
+/// Readings that see a displacement of an axis along itself; of a rotary axis all may.
+fn looks_along(axis: Axis) -> impl Fn(&Moment) -> bool {
+    move |m| !axis.is_linear() || m.u[axis.slot()].abs() > SEES
 }
 
 /// Start and duration of what each file measured in motion on a clock that is not the control's, s.

@@ -35,7 +35,10 @@ impl View {
         match self.drawn.over {
             Over::Position(a) if a.is_linear() => format!("{a}, mm"),
             Over::Position(a) => format!("{a}, °"),
-            Over::Period(a, pitch) => format!("{a} within one period of {} mm, mm", round_4(pitch)),
+            Over::Period(a, pitch) if a.is_linear() => {
+                format!("{a} within one period of {} mm, mm", round_4(pitch))
+            }
+            Over::Period(a, pitch) => format!("{a} within one period of {}°, °", round_4(pitch.to_degrees())),
             Over::SinceReversal(a, _) => format!("distance since the reversal of {a}, mm"),
             Over::TimeSinceReversal(a, _) => format!("time since the reversal of {a}, s"),
             Over::Velocity(a) if a.is_linear() => format!("velocity of {a}, mm/s"),
@@ -54,7 +57,8 @@ impl View {
         match self.drawn.over {
             Over::Position(a) if a.is_linear() => m.position[a.slot()],
             Over::Position(a) => m.position[a.slot()].to_degrees(),
-            Over::Period(a, pitch) => m.position[a.slot()].rem_euclid(pitch),
+            Over::Period(a, pitch) if a.is_linear() => m.position[a.slot()].rem_euclid(pitch),
+            Over::Period(a, pitch) => m.position[a.slot()].rem_euclid(pitch).to_degrees(),
             Over::SinceReversal(a, most) => m.since_mm[a.slot()].abs().min(most),
             Over::TimeSinceReversal(a, most) => m.since_s[a.slot()].min(most),
             Over::Velocity(a) if a.is_linear() => m.velocity[a.slot()],

@@ -59,7 +59,7 @@ pub(crate) enum Sampling<'a> {
     Line,
     /// Evenly.
     Even,
-    /// Evenly, so many in each of the shortest waves (length mm).
+    /// Evenly, so many in each of the shortest waves (length mm or rad).
     Waves(f64),
     /// Closer towards the ends of the data, as polynomials ask for.
     Polynomial,
@@ -68,24 +68,7 @@ pub(crate) enum Sampling<'a> {
 /// The displacement in each direction as a table over one axis. Straight lines go on to the end of the travel, anything
 /// else is held where the data end.
 pub(crate) fn displacements(model: &Extended, entry: &Entry, over: Axis, sampling: Sampling<'_>) -> Becomes {
-    let range = travel(&model.spec, entry, over).ok_or(NO_TRAVEL)?;
-    let at = match (sampling, seen(entry, over)) {
-        (Sampling::At(places), _) => {
-            let [low, high] = range;
-            let inside = places.iter().copied().filter(|q| *q > low && *q < high);
-            [low].into_iter().chain(inside).chain([high]).collect()
-        }
-        (Sampling::Line, _) => positions(range, 2),
-        (Sampling::Waves(shortest_mm), _) => {
-            let points = (PER_WAVE * (range[1] - range[0]) / shortest_mm).ceil() as usize + 1;
-            if points > POINTS_MAX {
-                return Err("its waves are too short for a table over the whole travel");
-            }
-            positions(range, points.max(POINTS))
-        }
-        (Sampling::Polynomial, Some(seen)) => positions_of_polynomial(range, seen),
-        _ => positions(range, POINTS),
-    };
+    let at = places(model, entry, over, sampling)?;
     let kept = |q: f64| match seen(entry, over) {
         Some([low, high]) if at.len() > 2 && low < high => q.clamp(low, high),
         _ => q,
@@ -100,6 +83,33 @@ pub(crate) fn displacements(model: &Extended, entry: &Entry, over: Axis, samplin
         parts.extend(table(ErrorSymbol::Motion { component, axis: over.name() }, &at, forward, reverse)?);
     }
     if parts.is_empty() { Err(ZERO) } else { Ok(parts.into()) }
+}
+
+/// The positions of a table over one axis, mm or rad.
+fn places(
+    model: &Extended,
+    entry: &Entry,
+    over: Axis,
+    sampling: Sampling<'_>,
+) -> Result<Vec<f64>, &'static str> {
+    let range = travel(&model.spec, entry, over).ok_or(NO_TRAVEL)?;
+    Ok(match (sampling, seen(entry, over)) {
+        (Sampling::At(places), _) => {
+            let [low, high] = range;
+            let inside = places.iter().copied().filter(|q| *q > low && *q < high);
+            [low].into_iter().chain(inside).chain([high]).collect()
+        }
+        (Sampling::Line, _) => positions(range, 2),
+        (Sampling::Waves(shortest), _) => {
+            let points = (PER_WAVE * (range[1] - range[0]) / shortest).ceil() as usize + 1;
+            if points > POINTS_MAX {
+                return Err("its waves are too short for a table over the whole travel");
+            }
+            positions(range, points.max(POINTS))
+        }
+        (Sampling::Polynomial, Some(seen)) => positions_of_polynomial(range, seen),
+        _ => positions(range, POINTS),
+    })
 }
 
 /// The displacement at one place of one axis, all others at zero, um.
@@ -120,10 +130,10 @@ pub(crate) fn rotation(
     entry: &Entry,
     over: Axis,
     (about, lever): (Axis, Option<&Lever>),
+    sampling: Sampling<'_>,
     angle_arcsec: &dyn Fn(f64) -> f64,
 ) -> Becomes {
-    let range = travel(&model.spec, entry, over).ok_or(NO_TRAVEL)?;
-    let at = positions(range, POINTS);
+    let at = places(model, entry, over, sampling)?;
     let kept = |q: f64| seen(entry, over).map_or(q, |[low, high]| q.clamp(low, high));
     let angles: Vec<f64> = at.iter().map(|q| angle_arcsec(kept(*q)) * RAD_PER_ARCSEC).collect();
     let mut parts = vec![table(turn(about, over), &at, angles.clone(), angles.clone())?.ok_or(ZERO)?];

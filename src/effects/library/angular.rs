@@ -83,7 +83,7 @@ impl Form for Angular {
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         let angle = |q: f64| self.curve(q).iter().zip(&entry.values).map(|(v, e)| v * e).sum();
-        rotation(model, entry, self.over, (self.about, Some(&self.lever)), &angle)
+        rotation(model, entry, self.over, (self.about, Some(&self.lever)), Sampling::Even, &angle)
     }
 
     fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3]) -> bool {

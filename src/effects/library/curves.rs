@@ -17,16 +17,18 @@ const HELD: f64 = 1.2;
 pub(super) fn positioning(data: &Data, of: &Subject) -> Variants {
     let axis = of.axis;
     let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
+    if !axis.is_linear() {
+        let tables = pitch_table::tables(data, axis);
+        let needs = "a table of values needs 4 to 41 targets, most of them read more than once";
+        return if tables.is_empty() { Err(needs.into()) } else { Ok(tables) };
+    }
     let (centre_mm, half_mm) = (0.5 * (low + high), 0.5 * (high - low));
     let mut shapes = polynomials(data, axis, axis, &TABLE);
-    let targets = &data.looked_at[axis.slot()][axis.slot()];
+    let targets = &data.targets[axis.slot()];
     if (4..FEW).contains(&targets.len()) {
         shapes.push(PositionTable { axis, targets_mm: targets.clone() }.into());
     }
-    // a value of its own for every reading is noise
-    if data.revisits[axis.slot()] {
-        shapes.extend(pitch_table::tables(axis, targets));
-    }
+    shapes.extend(pitch_table::tables(data, axis));
     // with more than one setup, other programs tell lost motion from a table: then the two stay apart
     if data.reverses[axis.slot()] && data.one_setup {
         for high in data.degrees(axis, Some(axis), &BOTH_WAYS) {

@@ -1,4 +1,4 @@
-//! Periodic error of a screw or an encoder.
+//! Periodic error of a screw, a worm or an encoder.
 
 use volcomp_estimate::SpectralWindow;
 
@@ -11,6 +11,12 @@ const PITCHES: [f64; 29] = [
 ];
 /// Modules of racks, mm: their pitch is pi times that.
 const MODULES: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
+/// Most teeth of a worm wheel whose every number is tried, and finer divisions of wheels and scales.
+const TEETH_MAX: usize = 180;
+const LINES: [usize; 26] = [
+    192, 200, 216, 225, 240, 256, 270, 288, 300, 320, 360, 400, 480, 500, 512, 600, 720, 900, 1000, 1024,
+    1800, 2048, 3600, 5000, 9000, 18_000,
+];
 /// Steps shorter than a quarter of a period that show it.
 const FINE_STEPS: usize = 24;
 /// Longest pitch, as a share of half the range.
@@ -24,26 +30,35 @@ const PITCH_STEP: f64 = 0.04;
 pub(super) fn cyclic(data: &Data, of: &Subject) -> Variants {
     let axis = of.axis;
     let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
-    let positions = &data.positions[axis.slot()];
+    let positions =
+        if axis.is_linear() { &data.positions[axis.slot()] } else { &data.targets[axis.slot()] };
     let mut steps: Vec<f64> = positions.windows(2).map(|w| w[1] - w[0]).collect();
     steps.sort_by(f64::total_cmp);
     // some of the positions lie close together, wherever, or they are so unequal that no slower wave looks the same
     let step = steps.get(FINE_STEPS).copied().unwrap_or(f64::INFINITY);
-    let window = SpectralWindow::new(&data.looked_at[axis.slot()][axis.slot()]);
-    let seen = |p: &f64| *p < LONGEST * 0.5 * (high - low) && (*p > 4.0 * step || !window.is_aliased(*p));
-    let mut pitches: Vec<f64> = catalogue().collect();
-    pitches.sort_by(f64::total_cmp);
-    let shapes: Vec<Shape> = pitches
-        .into_iter()
-        .filter(seen)
-        .flat_map(|p| [(p, 1), (p, 2)])
-        .filter(|(p, harmonics)| seen(&(p / *harmonics as f64)))
-        .map(|(pitch_mm, harmonics)| Cyclic { axis, along: axis, pitch_mm, harmonics }.into())
-        .collect();
+    let window = SpectralWindow::new(&data.targets[axis.slot()]);
+    let seen = |p: f64| p < LONGEST * 0.5 * (high - low) && (p > 4.0 * step || !window.is_aliased(p));
+    let shapes = if axis.is_linear() { screw(axis, &seen) } else { worm(data, axis, &seen) };
     if shapes.is_empty() {
         return Err("at these positions the error of a screw's pitch looks like a slower one; measure at unequal distances".into());
     }
     Ok(shapes)
+}
+
+/// Waves of a linear axis whose pitch and harmonics the positions show.
+fn screw(axis: Axis, seen: &dyn Fn(f64) -> bool) -> Vec<Shape> {
+    let mut pitches: Vec<f64> = catalogue().filter(|p| seen(*p)).collect();
+    pitches.sort_by(f64::total_cmp);
+    let each = pitches.into_iter().flat_map(|p| [(p, 1), (p, 2)]);
+    let shown = each.filter(|(p, harmonics)| seen(p / *harmonics as f64));
+    shown.map(|(pitch_mm, harmonics)| Cyclic { axis, along: axis, pitch_mm, harmonics }.into()).collect()
+}
+
+/// Waves of a rotary axis: whole numbers in a turn, beyond those of an eccentric scale.
+fn worm(data: &Data, axis: Axis, seen: &dyn Fn(f64) -> bool) -> Vec<Shape> {
+    let Some(frame) = data.frame(axis) else { return Vec::new() };
+    let all = (3..=TEETH_MAX).chain(LINES).filter(|n| seen(TAU / *n as f64));
+    all.map(|waves| RotaryCyclic { frame: frame.clone(), waves }.into()).collect()
 }
 
 /// The pitches that are tried, mm.
@@ -110,6 +125,63 @@ impl Form for Cyclic {
 
     fn over(&self) -> Option<Axis> {
         Some(self.axis)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}
+
+/// `c (cos n q - 1) + s sin n q` about a rotary axis itself, times the radius: `n` waves in a turn.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RotaryCyclic {
+    pub frame: RotaryFrame,
+    pub waves: usize,
+}
+
+impl RotaryCyclic {
+    /// Columns at a position of the axis.
+    fn at(&self, q: f64) -> [f64; 2] {
+        let (s, c) = (self.waves as f64 * q).sin_cos();
+        [c - 1.0, s]
+    }
+}
+
+impl Form for RotaryCyclic {
+    fn parameters(&self) -> Vec<String> {
+        plain(&["cos_arcsec", "sin_arcsec"])
+    }
+
+    fn width(&self) -> usize {
+        2
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let arm = self.frame.um_per_rad(m) * RAD_PER_ARCSEC;
+        let columns = self.at(m.position[self.frame.axis.slot()]);
+        out.iter_mut().zip(columns).for_each(|(o, v)| *o = arm * v);
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Period(self.frame.axis, TAU / self.waves as f64).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let angle = |q: f64| self.at(q).iter().zip(&entry.values).map(|(c, v)| c * v).sum();
+        let axis = self.frame.axis;
+        rotation(model, entry, axis, (axis, None), Sampling::Waves(TAU / self.waves as f64), &angle)
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        named(&[("waves_per_turn_1", self.waves as f64), ("pitch_deg", 360.0 / self.waves as f64)])
+    }
+
+    fn is_valid(&self) -> bool {
+        self.waves > 0
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.frame.axis)
     }
 
     fn is_free_curve(&self) -> bool {

@@ -3,12 +3,18 @@
 use super::curves::{are_targets, coefficients};
 use crate::prelude::*;
 
-/// Variants of `positioning` with a value at each target.
-pub(super) fn tables(axis: Axis, targets: &[f64]) -> Vec<Shape> {
-    if !(4..=WIDTH_MAX + 1).contains(&targets.len()) {
+/// Variants of `positioning` with a value at each target, where most targets were looked at more than once: a value of its own for
+/// every reading is noise.
+pub(super) fn tables(data: &Data, axis: Axis) -> Vec<Shape> {
+    let targets = data.targets[axis.slot()].clone();
+    if !data.revisits[axis.slot()] || !(4..=WIDTH_MAX + 1).contains(&targets.len()) {
         return Vec::new();
     }
-    let of = |process| PitchTable { axis, targets_mm: targets.to_vec(), process }.into();
+    let frame = data.frame(axis).filter(|_| !axis.is_linear());
+    let of = |process| match &frame {
+        Some(frame) => RotaryTable { frame: frame.clone(), targets_rad: targets.clone(), process }.into(),
+        None => PitchTable { axis, targets_mm: targets.clone(), process }.into(),
+    };
     [Process::White, Process::WhiteFromLine, Process::Walk, Process::WalkFromLine].map(of).into()
 }
 
@@ -34,19 +40,22 @@ impl Process {
     }
 }
 
-/// Values at the targets, straight lines between. The parameters are independent and equally large.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct PitchTable {
-    pub axis: Axis,
-    pub targets_mm: Vec<f64>,
-    pub process: Process,
+/// The columns of a process over targets; straight lines between them, held beyond. The parameters are independent and equally large.
+#[derive(Debug, Clone, Copy)]
+struct Contrasts<'a> {
+    targets: &'a [f64],
+    process: Process,
 }
 
-impl PitchTable {
+impl Contrasts<'_> {
+    const fn width(self) -> usize {
+        let determined = if self.process.is_from_line() { 2 } else { 1 };
+        self.targets.len().saturating_sub(determined)
+    }
+
     /// The column `k` (from 1) at a target.
-    fn at_target(&self, k: usize, target: usize) -> f64 {
-        let t = &self.targets_mm;
+    fn at_target(self, k: usize, target: usize) -> f64 {
+        let t = self.targets;
         let (first, last) = (t[0], t[t.len() - 1]);
         match self.process {
             Process::Walk | Process::WalkFromLine if target < k => 0.0,
@@ -69,8 +78,8 @@ impl PitchTable {
     }
 
     /// The column `k` of recursive residuals at a target: the target `k + 1` against the line through those before it.
-    fn recursive_residual(&self, k: usize, target: usize) -> f64 {
-        let (before, at) = (&self.targets_mm[..=k], self.targets_mm[k + 1]);
+    fn recursive_residual(self, k: usize, target: usize) -> f64 {
+        let (before, at) = (&self.targets[..=k], self.targets[k + 1]);
         let mean = before.iter().sum::<f64>() / before.len() as f64;
         let square: f64 = before.iter().map(|t| (t - mean).powi(2)).sum();
         let size = (1.0 + 1.0 / before.len() as f64 + (at - mean).powi(2) / square).sqrt();
@@ -84,18 +93,52 @@ impl PitchTable {
     }
 
     /// Mean of the column `k` over the targets, and the slope of its least-squares line where it is counted from that.
-    fn reference(&self, k: usize, mean_mm: f64) -> [f64; 2] {
+    fn reference(self, k: usize, centre: f64) -> [f64; 2] {
         if matches!(self.process, Process::White | Process::WhiteFromLine) {
             return [0.0; 2];
         }
-        let values = (0..self.targets_mm.len()).map(|target| self.at_target(k, target));
-        let mean = values.clone().sum::<f64>() / self.targets_mm.len() as f64;
+        let values = (0..self.targets.len()).map(|target| self.at_target(k, target));
+        let mean = values.clone().sum::<f64>() / self.targets.len() as f64;
         if self.process == Process::Walk {
             return [mean, 0.0];
         }
-        let from_mean = self.targets_mm.iter().map(|t| t - mean_mm);
+        let from_mean = self.targets.iter().map(|t| t - centre);
         let square: f64 = from_mean.clone().map(|d| d * d).sum();
         [mean, from_mean.zip(values).map(|(d, v)| d * v).sum::<f64>() / square]
+    }
+
+    /// All columns at a position.
+    fn at(self, position: f64) -> impl Iterator<Item = f64> {
+        let t = self.targets;
+        let ends = t.first().zip(t.last());
+        let x = ends.map_or(f64::NAN, |(low, high)| position.clamp(*low, *high));
+        let after = t.partition_point(|t| *t <= x).clamp(1, t.len().max(2) - 1);
+        let centre = t.iter().sum::<f64>() / t.len() as f64;
+        (1..=self.width()).map(move |k| {
+            let share = (x - t[after - 1]) / (t[after] - t[after - 1]);
+            let [from, to] = [after - 1, after].map(|target| self.at_target(k, target));
+            let [mean, slope] = self.reference(k, centre);
+            from + share * (to - from) - (mean + slope * (x - centre))
+        })
+    }
+
+    fn is_valid(self) -> bool {
+        are_targets(self.targets) && (1..=WIDTH_MAX).contains(&self.width())
+    }
+}
+
+/// Deviations of a linear axis along itself at the targets.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct PitchTable {
+    pub axis: Axis,
+    pub targets_mm: Vec<f64>,
+    pub process: Process,
+}
+
+impl PitchTable {
+    fn contrasts(&self) -> Contrasts<'_> {
+        Contrasts { targets: &self.targets_mm, process: self.process }
     }
 }
 
@@ -105,24 +148,13 @@ impl Form for PitchTable {
     }
 
     fn width(&self) -> usize {
-        let determined = if self.process.is_from_line() { 2 } else { 1 };
-        self.targets_mm.len().saturating_sub(determined)
+        self.contrasts().width()
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let t = &self.targets_mm;
-        let [Some(low), Some(high)] = [t.first(), t.last()] else { return };
-        // held beyond the targets
-        let x = m.position[self.axis.slot()].clamp(*low, *high);
-        let after = t.partition_point(|t| *t <= x).clamp(1, t.len().max(2) - 1);
-        let share = (x - t[after - 1]) / (t[after] - t[after - 1]);
-        let mean_mm = t.iter().sum::<f64>() / t.len() as f64;
-        for (o, k) in out.iter_mut().zip(1..=self.width()) {
-            let [from, to] = [after - 1, after].map(|target| self.at_target(k, target));
-            let [mean, slope] = self.reference(k, mean_mm);
-            let reference = mean + slope * (x - mean_mm);
-            *o = unit(self.axis.direction()) * (from + share * (to - from) - reference);
-        }
+        let along = unit(self.axis.direction());
+        let columns = self.contrasts().at(m.position[self.axis.slot()]);
+        out.iter_mut().zip(columns).for_each(|(o, v)| *o = along * v);
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
@@ -130,7 +162,7 @@ impl Form for PitchTable {
     }
 
     fn is_valid(&self) -> bool {
-        are_targets(&self.targets_mm) && (1..=WIDTH_MAX).contains(&self.width())
+        self.contrasts().is_valid()
     }
 
     fn acts_along(&self) -> Option<Axis> {
@@ -139,6 +171,58 @@ impl Form for PitchTable {
 
     fn over(&self) -> Option<Axis> {
         Some(self.axis)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+
+    fn is_process(&self) -> bool {
+        true
+    }
+}
+
+/// Angular deviations of a rotary axis about itself at the targets, times the radius.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RotaryTable {
+    pub frame: RotaryFrame,
+    pub targets_rad: Vec<f64>,
+    pub process: Process,
+}
+
+impl RotaryTable {
+    fn contrasts(&self) -> Contrasts<'_> {
+        Contrasts { targets: &self.targets_rad, process: self.process }
+    }
+}
+
+impl Form for RotaryTable {
+    fn parameters(&self) -> Vec<String> {
+        (1..=self.width()).map(|k| format!("p{k}_arcsec")).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.contrasts().width()
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let arm = self.frame.um_per_rad(m) * RAD_PER_ARCSEC;
+        let columns = self.contrasts().at(m.position[self.frame.axis.slot()]);
+        out.iter_mut().zip(columns).for_each(|(o, v)| *o = arm * v);
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let angle = |q: f64| self.contrasts().at(q).zip(&entry.values).map(|(c, v)| c * v).sum();
+        rotation(model, entry, self.frame.axis, (self.frame.axis, None), Sampling::At(&self.targets_rad), &angle)
+    }
+
+    fn is_valid(&self) -> bool {
+        self.contrasts().is_valid()
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.frame.axis)
     }
 
     fn is_free_curve(&self) -> bool {

@@ -198,7 +198,7 @@ impl Form for RotaryEccentricity {
             entry.value(2 * n) * (c - 1.0) + entry.value(2 * n + 1) * s
         };
         let angle = |q: f64| (0..self.harmonics).map(|n| wave(q, n)).sum();
-        rotation(model, entry, self.frame.axis, (self.frame.axis, None), &angle)
+        rotation(model, entry, self.frame.axis, (self.frame.axis, None), Sampling::Even, &angle)
     }
 
     fn over(&self) -> Option<Axis> {

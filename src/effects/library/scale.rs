@@ -57,7 +57,7 @@ impl Form for RotaryScale {
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         let (axis, arcsec) = (self.frame.axis, 1e-6 * entry.value(0) / RAD_PER_ARCSEC);
-        rotation(model, entry, axis, (axis, None), &|q| arcsec * q)
+        rotation(model, entry, axis, (axis, None), Sampling::Even, &|q| arcsec * q)
     }
 
     fn over(&self) -> Option<Axis> {

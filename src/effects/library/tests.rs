@@ -58,7 +58,11 @@ fn all_data() -> Data {
         sees: [true; 3],
         positions: core::array::from_fn(|_| (-300..=300).map(f64::from).collect()),
         looked_at: core::array::from_fn(|_| core::array::from_fn(|_| (-300..=300).map(f64::from).collect())),
-        revisits: [true; 3],
+        targets: core::array::from_fn(|axis| {
+            let unequal = |k: i32| 0.14 * f64::from(k) + 0.01 * f64::from(k * k % 7);
+            if axis < 3 { (-300..=300).map(f64::from).collect() } else { (-10..=10).map(unequal).collect() }
+        }),
+        revisits: [true; SLOTS],
         tools: true,
         lengths: true,
         ranges: true,
@@ -343,9 +347,7 @@ fn the_symbol_of_a_pair_is_the_rotation_of_its_later_axis_against_the_first() {
 #[test]
 fn tables_of_a_process_hold_every_value_of_their_targets_and_those_from_a_line_no_slope() {
     let data = Data {
-        looked_at: core::array::from_fn(|_| {
-            core::array::from_fn(|_| vec![0.0, 10.0, 25.0, 31.0, 60.0, 75.0])
-        }),
+        targets: core::array::from_fn(|_| vec![0.0, 10.0, 25.0, 31.0, 60.0, 75.0]),
         ..all_data()
     };
     let positioning = EFFECTS.iter().find(|e| e.name == "positioning").unwrap();
