@@ -22,6 +22,13 @@ pub enum Reason {
         /// Without it.
         without_um: f64,
     },
+    /// The gap of the readings themselves, um RMS, corrected by it and not: slow drift takes back what it says.
+    Harms {
+        /// With it.
+        with_um: f64,
+        /// Without it.
+        without_um: f64,
+    },
     /// Readings left out fit worse with it, whatever else is chosen.
     Worse,
     /// Its probability is too small: what costs it most.
@@ -174,18 +181,23 @@ pub fn declare_all(all: Vec<Evidence>) -> Vec<Assessed> {
     all.into_iter().map(|e| Assessed::new(sure(e), 1.0, None)).collect()
 }
 
-/// Decides on a member of the likeliest set, whose probability is a posterior already: its label is declared where its group is
-/// likely and nothing in the group is likelier.
+/// Decides on the members of the likeliest set, whose probabilities are posteriors already: a label is declared where its group
+/// is likely, nothing in the group is likelier, and the gap is no larger without it (`left`: products of the gap itself).
 #[must_use]
-pub fn of_posterior(e: Evidence, c: &Contender) -> Assessed {
-    let is_top = c.rivals.iter().all(|(_, p)| *p <= c.probability);
-    let (probability, group) = (c.probability, c.group_probability);
-    let reason = (group < DECLARED || probability < NAMED || !is_top).then_some(Reason::Improbable {
-        probability,
-        group,
-        cost: Cost::Evidence,
-    });
-    Assessed::new(e, 1.0, reason)
+pub fn decide_by_posterior(all: Vec<(Evidence, &Contender)>, left: &HeldOut) -> Vec<Assessed> {
+    let reason = |c: &Contender| {
+        let is_top = c.rivals.iter().all(|(_, p)| *p <= c.probability);
+        let (probability, group) = (c.probability, c.group_probability);
+        let cost = Cost::Evidence;
+        let is_sure = group >= DECLARED && probability >= NAMED && is_top;
+        (!is_sure).then_some(Reason::Improbable { probability, group, cost })
+    };
+    let reasons = worth(all.iter().map(|(_, c)| reason(c)).collect(), left);
+    let seen = |reason| match reason {
+        Some(Reason::HeldOut { with_um, without_um }) => Some(Reason::Harms { with_um, without_um }),
+        other => other,
+    };
+    all.into_iter().zip(reasons).map(|((e, _), reason)| Assessed::new(e, 1.0, seen(reason))).collect()
 }
 
 fn improbable(e: &Evidence, company: f64) -> Option<Reason> {

@@ -96,7 +96,13 @@ pub struct ProgramResidual {
     pub after_um: f64,
 }
 
-pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fitted: &Fitted<'_>) -> Budget {
+pub(super) fn budget(
+    session: &Session,
+    a: &Analysis,
+    assessed: &[Assessed],
+    fitted: &Fitted<'_>,
+    undeclared_um2: f64,
+) -> Budget {
     let level = |corrected: &[usize]| {
         let take = |j: usize| corrected.contains(&fitted.owner[j]);
         let left = without_offsets(session, &minus(&a.gap, &fitted.parts.held_out, take), &a.used);
@@ -125,7 +131,7 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
     let whole = after.rms_um.powi(2);
     let [unexplained, drift, noise] = match &a.comparison {
         Some(c) => {
-            let unexplained = c.shares.discrepancy_um2.min(whole);
+            let unexplained = (c.shares.discrepancy_um2 + undeclared_um2).min(whole);
             let drift = c.shares.drift_um2.min(whole - unexplained);
             [unexplained, drift, whole - unexplained - drift]
         }

@@ -32,7 +32,7 @@ pub(super) fn causes(
         if x.is_declared() && shrink < 0.0 {
             // under a larger cause that goes the other way it counts by what comes back without it
             let declared = |j: usize| assessed[owner[j]].is_declared();
-            shrink = (left(&|j| declared(j) && owner[j] != place) - left(&declared)) / first;
+            shrink = ((left(&|j| declared(j) && owner[j] != place) - left(&declared)) / first).min(1.0);
         }
         let mut parameters = parameters(a, x, place, owner, beta, covariance);
         let shape = &a.library.variants[x.variant].shape;

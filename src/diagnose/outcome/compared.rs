@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::Analysis;
 use super::super::constants::{DRAWS, LARGE_DRIFT, LENGTHS, LITTLE};
-use super::super::decision::{Assessed, Evidence, of_posterior};
+use super::super::decision::{Assessed, Evidence, HeldOut, decide_by_posterior};
 use super::super::evidence::{Comparison, Component, Contender};
 use super::super::forecast::{Contributions, minus};
 use super::super::library::Label;
@@ -17,7 +17,7 @@ use super::super::session::Session;
 use super::mean_product;
 
 /// The members of the likeliest set, in the order of the selection.
-pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
+pub(super) fn assessed(a: &Analysis, c: &Comparison, left: &HeldOut) -> Vec<Assessed> {
     let label = |l: usize| a.library.labels[l].clone();
     let chosen: Vec<&Contender> = c.contenders.iter().filter(|x| x.chosen).collect();
     let evidence = |x: &Contender| {
@@ -49,7 +49,7 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
             is_pruned: false,
         }
     };
-    let mut all: Vec<Assessed> = chosen.iter().map(|x| of_posterior(evidence(x), x)).collect();
+    let mut all = decide_by_posterior(chosen.iter().map(|x| (evidence(x), *x)).collect(), left);
     // whatever else some likely set holds is listed beside the likeliest effect
     if let Some(first) = all.first_mut() {
         let others = c.contenders.iter().filter(|x| !x.chosen).map(|x| (label(x.label), x.probability));
@@ -131,15 +131,22 @@ fn nonzero(v: f64) -> f64 {
     if v == 0.0 { f64::INFINITY } else { v }
 }
 
-/// What no effect explains.
-pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left: &[f64]) -> Unexplained {
+/// What no effect explains, with what several effects explain alike (`undeclared_um2`).
+pub(super) fn unexplained(
+    session: &Session,
+    a: &Analysis,
+    c: &Comparison,
+    left: &[f64],
+    (assessed, undeclared_um2): (&[Assessed], f64),
+) -> Unexplained {
     let drifts = c.scales.iter().any(|(k, scale)| !k.is_discrepancy() && *scale > LARGE_DRIFT);
     let discrepant = c.discrepancy > 1.0 - LITTLE && c.shares.discrepancy_um2 > 0.0;
-    let significant = discrepant || drifts;
     let s = &c.shares;
     let drift_um2 = if drifts { s.drift_um2 } else { 0.0 };
-    let structured = s.discrepancy_um2 + drift_um2;
     let whole = s.named_um2 + s.discrepancy_um2 + s.drift_um2;
+    let is_undecided = undeclared_um2 > LITTLE * whole;
+    let significant = discrepant || drifts || is_undecided;
+    let structured = s.discrepancy_um2 + drift_um2 + if is_undecided { undeclared_um2 } else { 0.0 };
     let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
     let places = if significant { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
     let mut words = Vec::new();
@@ -175,6 +182,15 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
             s.discrepancy_um2.sqrt(),
             if kinds.is_empty() { "is of no effect established".to_owned() } else { kinds.join(" and ") },
             if is_pointwise { &values } else { "" }
+        ));
+    }
+    if is_undecided {
+        let open = assessed.iter().filter(|x| !x.is_declared());
+        let names: Vec<String> = open.map(|x| format!("{} ({:.2})", x.label, x.probability)).collect();
+        words.push(format!(
+            "{:.2} µm RMS of an effect whose name these data leave open: {} or what stands for it",
+            undeclared_um2.sqrt(),
+            names.join(", ")
         ));
     }
     if drifts {

@@ -176,7 +176,7 @@ pub(super) fn conclude(
         .collect();
     tell(0.9, "forecast");
     let assessed = match &a.comparison {
-        Some(c) => compared::assessed(a, c),
+        Some(c) => compared::assessed(a, c, &held_out(session, a, &parts, &owner)),
         None if options.ablation.has_gates() => {
             decide(evidence(session, a, &parts, &owner), &held_out(session, a, &parts, &owner))
         }
@@ -198,6 +198,8 @@ pub(super) fn conclude(
     };
     let before = without_offsets(session, &a.gap, &a.used);
     let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
+    let chosen = without_offsets(session, &minus(&a.gap, &parts.held_out, |_| true), &a.used);
+    let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
     let left = left_whitened(a, &keep);
     let y = a.filter.column(&a.gap);
@@ -238,7 +240,7 @@ pub(super) fn conclude(
     tell(0.94, "where the gap lies");
     let places = localise(session, &a.problem, &|data, width| a.filter.apply(data, width), &y);
     let unexplained = match &a.comparison {
-        Some(c) => compared::unexplained(session, a, c, &left),
+        Some(c) => compared::unexplained(session, a, c, &left, (&assessed, undeclared_um2)),
         None => unexplained(
             session,
             a,
@@ -274,7 +276,7 @@ pub(super) fn conclude(
     let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
     let curves = curves(session, a, &assessed, &fitted);
-    let budget = budget(session, a, &assessed, &fitted);
+    let budget = budget(session, a, &assessed, &fitted, undeclared_um2);
     let programs = programs(session, a, &before, &after);
     let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {

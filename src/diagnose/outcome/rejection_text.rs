@@ -19,6 +19,11 @@ fn words(reason: Reason) -> String {
                 "makes readings that were left out worse: {with_um:.2} µm with it, {without_um:.2} µm without it"
             );
         }
+        Reason::Harms { with_um, without_um } => {
+            return format!(
+                "its correction makes the gap larger: {with_um:.2} µm with it, {without_um:.2} µm without it; drift takes back what it says"
+            );
+        }
         Reason::Worse => "fits readings that were left out worse than no effect at all",
         Reason::Improbable { probability, group, cost } => {
             let of_group =

@@ -19,8 +19,10 @@ pub(super) fn angular(data: &Data, of: &Subject) -> Variants {
     // about a linear direction
     let about = Axis::LINEAR[of.first.direction()];
     let (centre_mm, half_mm, lever) = (0.5 * (low + high), 0.5 * (high - low), data.arm(over, about));
-    let crosses = |i: &usize| *i != about.direction() && lever.axes[*i];
-    let arm = (0..3).filter(crosses).any(|i| data.range[i].is_some());
+    // a lever along its own axis is a function of the same position, one that nothing looks across shows nothing
+    let crosses = |i: &usize| ![about.direction(), over.direction()].contains(i) && lever.axes[*i];
+    let shows = |i: usize| data.range[i].is_some() && data.sees[3 - about.direction() - i];
+    let arm = (0..3).filter(crosses).any(shows);
     let tool = lever.tool && about != Axis::Z || data.head();
     if !(arm || tool || data.angular) {
         let moved: [f64; 3] = unit(about.direction()).cross(&lever.at(&data.first)).into();
