@@ -4,8 +4,9 @@ use super::super::moment::{Machine, Moment};
 use super::super::noise::median;
 use volcomp_model::geometry::Vec3;
 
-/// Sets the place of the reflector of every reading of an instrument with a station: the axis positions, or the tip of the
-/// tool that is in; which of them, the stated ranges say.
+/// Sets the place of the reflector of every reading, and the range of an instrument with a station where none is stated: the
+/// reflector is at the tip of the tool that is in, whose deviation is measured, or at the axis positions where the stated ranges
+/// say so.
 pub(super) fn aim(moments: &mut [Moment], machine: &Machine) {
     let places: [&dyn Fn(&Moment) -> Vec3; 2] =
         [&Moment::carriage_mm, &|m| m.carriage_mm() + m.head.carries(machine.tip_of(m))];
@@ -17,10 +18,12 @@ pub(super) fn aim(moments: &mut [Moment], machine: &Machine) {
             .collect();
         if misses.is_empty() { f64::INFINITY } else { median(&mut misses) }
     };
-    // without ranges the axes alone count
-    let place = if miss(places[1]) < miss(places[0]) { places[1] } else { places[0] };
-    for m in moments.iter_mut().filter(|m| m.station_mm.iter().all(|v| v.is_finite())) {
+    let place = if miss(places[0]) < miss(places[1]) { places[0] } else { places[1] };
+    for m in moments.iter_mut() {
         m.reflector_mm = place(m);
+        if m.range_mm.is_nan() {
+            m.range_mm = (m.reflector_mm - m.station_mm).norm();
+        }
     }
 }
 
@@ -53,9 +56,9 @@ mod tests {
                 assert!((m.reflector_mm - target).norm() < 1e-9, "{to_tip}");
             }
         }
-        let mut without = vec![at(10.0, 70.0, true).0];
-        without[0].range_mm = f64::NAN;
+        let (stated, target) = at(10.0, 70.0, true);
+        let mut without = vec![Moment { range_mm: f64::NAN, ..stated.clone() }];
         aim(&mut without, &machine);
-        assert_eq!(without[0].reflector_mm, without[0].carriage_mm());
+        assert_eq!((without[0].reflector_mm, without[0].range_mm), (target, stated.range_mm));
     }
 }

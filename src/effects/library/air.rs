@@ -23,7 +23,7 @@ pub(super) fn dead_path(data: &Data, _: &Subject) -> Variants {
 /// Variants of `tracker-scale`.
 pub(super) fn tracker_scale(data: &Data, _: &Subject) -> Variants {
     if !(data.ranges && data.stations) {
-        return Err("needs range_mm and station_x_mm .. of a tracker".into());
+        return Err("needs station_x_mm .. of a tracker and ranges that change".into());
     }
     let plain = [false, true].map(|zero| TrackerScale { signal: None, zero });
     let warm =
