@@ -97,6 +97,11 @@ pub(crate) trait Form {
         None
     }
 
+    /// The rotary axis by whose position it turns about that axis, where it does.
+    fn turns(&self) -> Option<Axis> {
+        None
+    }
+
     /// True for curves that bend to anything smooth.
     fn is_free_curve(&self) -> bool {
         false
@@ -195,6 +200,13 @@ impl Shape {
     #[must_use]
     pub fn over(&self) -> Option<Axis> {
         self.form().over()
+    }
+
+    /// Direction and axis of a deviation that is a function of that axis's position alone; of a turn about the axis both are the axis.
+    #[must_use]
+    pub fn curve_of(&self) -> Option<(Axis, Axis)> {
+        let turns = self.form().turns();
+        self.acts_along().zip(self.over()).or_else(|| turns.zip(turns))
     }
 
     /// True for curves that bend to anything smooth.

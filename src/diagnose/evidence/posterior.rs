@@ -202,8 +202,8 @@ impl Search {
         }
         // what goes with the place alone has a name where a random process of the same axis is among the effects
         let has_name = |shape: &Shape| {
-            let of = |s: &Shape| s.acts_along().zip(s.over());
-            self.shapes.iter().any(|s| s.is_process() && of(s) == of(shape))
+            let curve = shape.curve_of();
+            curve.is_some() && self.shapes.iter().any(|s| s.is_process() && s.curve_of() == curve)
         };
         parts.retain(|(_, variant, _)| !has_name(&self.shapes[*variant]));
         for (label, variant, part) in &parts {

@@ -27,8 +27,8 @@ pub(super) fn data(s: &Session) -> Data {
     let position = |i: usize| spread(&|m| m.position[i]).filter(|[l, h]| h - l > STILL);
     let moved = of_axes(&|i| position(i).is_some());
     let any = |is: &dyn Fn(&Moment) -> bool| s.moments.iter().any(is);
-    let targets = Axis::ALL
-        .map(|a| if moved[a.slot()] { positions(s, a, &looks_along(a)) } else { Vec::new() });
+    let targets =
+        Axis::ALL.map(|a| if moved[a.slot()] { positions(s, a, &looks_along(a)) } else { Vec::new() });
     let sources = s.history.sources().into_iter();
     Data {
         machine: s.machine.clone(),

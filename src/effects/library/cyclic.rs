@@ -30,8 +30,7 @@ const PITCH_STEP: f64 = 0.04;
 pub(super) fn cyclic(data: &Data, of: &Subject) -> Variants {
     let axis = of.axis;
     let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
-    let positions =
-        if axis.is_linear() { &data.positions[axis.slot()] } else { &data.targets[axis.slot()] };
+    let positions = if axis.is_linear() { &data.positions[axis.slot()] } else { &data.targets[axis.slot()] };
     let mut steps: Vec<f64> = positions.windows(2).map(|w| w[1] - w[0]).collect();
     steps.sort_by(f64::total_cmp);
     // some of the positions lie close together, wherever, or they are so unequal that no slower wave looks the same
@@ -57,8 +56,9 @@ fn screw(axis: Axis, seen: &dyn Fn(f64) -> bool) -> Vec<Shape> {
 /// Waves of a rotary axis: whole numbers in a turn, beyond those of an eccentric scale.
 fn worm(data: &Data, axis: Axis, seen: &dyn Fn(f64) -> bool) -> Vec<Shape> {
     let Some(frame) = data.frame(axis) else { return Vec::new() };
-    let all = (3..=TEETH_MAX).chain(LINES).filter(|n| seen(TAU / *n as f64));
-    all.map(|waves| RotaryCyclic { frame: frame.clone(), waves }.into()).collect()
+    let all = (3..=TEETH_MAX).chain(LINES).flat_map(|waves| [(waves, 1), (waves, 2)]);
+    let shown = all.filter(|(waves, harmonics)| (1..=*harmonics).all(|n| seen(TAU / (waves * n) as f64)));
+    shown.map(|(waves, harmonics)| RotaryCyclic { frame: frame.clone(), waves, harmonics }.into()).collect()
 }
 
 /// The pitches that are tried, mm.
@@ -132,28 +132,29 @@ impl Form for Cyclic {
     }
 }
 
-/// `c (cos n q - 1) + s sin n q` about a rotary axis itself, times the radius: `n` waves in a turn.
+/// `SUM c_k (cos(k n q) - 1) + s_k sin(k n q)` about a rotary axis itself, times the radius: `n` waves in a turn, `k` harmonics.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RotaryCyclic {
     pub frame: RotaryFrame,
     pub waves: usize,
+    pub harmonics: usize,
 }
 
 impl RotaryCyclic {
     /// Columns at a position of the axis.
-    fn at(&self, q: f64) -> [f64; 2] {
-        let (s, c) = (self.waves as f64 * q).sin_cos();
-        [c - 1.0, s]
+    fn at(&self, q: f64) -> impl Iterator<Item = f64> {
+        let phases = (1..=self.harmonics).map(move |k| ((k * self.waves) as f64 * q).sin_cos());
+        phases.flat_map(|(s, c)| [c - 1.0, s])
     }
 }
 
 impl Form for RotaryCyclic {
     fn parameters(&self) -> Vec<String> {
-        plain(&["cos_arcsec", "sin_arcsec"])
+        (1..=self.harmonics).flat_map(|k| [format!("cos{k}_arcsec"), format!("sin{k}_arcsec")]).collect()
     }
 
     fn width(&self) -> usize {
-        2
+        2 * self.harmonics
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
@@ -167,9 +168,16 @@ impl Form for RotaryCyclic {
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
-        let angle = |q: f64| self.at(q).iter().zip(&entry.values).map(|(c, v)| c * v).sum();
+        let angle = |q: f64| self.at(q).zip(&entry.values).map(|(c, v)| c * v).sum();
         let axis = self.frame.axis;
-        rotation(model, entry, axis, (axis, None), Sampling::Waves(TAU / self.waves as f64), &angle)
+        rotation(
+            model,
+            entry,
+            axis,
+            (axis, None),
+            Sampling::Waves(TAU / (self.waves * self.harmonics) as f64),
+            &angle,
+        )
     }
 
     fn fixed(&self) -> Vec<(String, f64)> {
@@ -177,11 +185,15 @@ impl Form for RotaryCyclic {
     }
 
     fn is_valid(&self) -> bool {
-        self.waves > 0
+        self.waves > 0 && (1..=2).contains(&self.harmonics)
     }
 
     fn over(&self) -> Option<Axis> {
         Some(self.frame.axis)
+    }
+
+    fn turns(&self) -> Option<Axis> {
+        self.over()
     }
 
     fn is_free_curve(&self) -> bool {

@@ -214,7 +214,14 @@ impl Form for RotaryTable {
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         let angle = |q: f64| self.contrasts().at(q).zip(&entry.values).map(|(c, v)| c * v).sum();
-        rotation(model, entry, self.frame.axis, (self.frame.axis, None), Sampling::At(&self.targets_rad), &angle)
+        rotation(
+            model,
+            entry,
+            self.frame.axis,
+            (self.frame.axis, None),
+            Sampling::At(&self.targets_rad),
+            &angle,
+        )
     }
 
     fn is_valid(&self) -> bool {
@@ -223,6 +230,10 @@ impl Form for RotaryTable {
 
     fn over(&self) -> Option<Axis> {
         Some(self.frame.axis)
+    }
+
+    fn turns(&self) -> Option<Axis> {
+        self.over()
     }
 
     fn is_free_curve(&self) -> bool {

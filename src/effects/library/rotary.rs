@@ -14,7 +14,7 @@ pub(super) fn rotary_location(data: &Data, of: &Subject) -> Variants {
     };
     // where the head stands at the zero of the axis either counts as right, or is wrong with the axis
     let kinds = [false, true].into_iter().filter(|tied: &bool| !tied || !frame.workpiece_side);
-    Ok(kinds.map(|tied| RotaryLocation { frame: frame.clone(), tied }.into()).collect())
+    data.structural(kinds.map(|tied| RotaryLocation { frame: frame.clone(), tied }.into()).collect())
 }
 
 /// Variants of `rotary-motion`.
@@ -28,7 +28,7 @@ pub(super) fn rotary_motion(data: &Data, of: &Subject) -> Variants {
     let shape = |(along, [low, high]): (Vec<Axis>, [usize; 2])| {
         RotaryMotion { axis, along, low, high, frame: frame.clone() }.into()
     };
-    Ok(all.map(shape).collect())
+    data.structural(all.map(shape).collect())
 }
 
 /// Variants of `rotary-eccentricity`.
@@ -203,5 +203,9 @@ impl Form for RotaryEccentricity {
 
     fn over(&self) -> Option<Axis> {
         Some(self.frame.axis)
+    }
+
+    fn turns(&self) -> Option<Axis> {
+        self.over()
     }
 }

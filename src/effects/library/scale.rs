@@ -63,4 +63,8 @@ impl Form for RotaryScale {
     fn over(&self) -> Option<Axis> {
         Some(self.frame.axis)
     }
+
+    fn turns(&self) -> Option<Axis> {
+        self.over()
+    }
 }

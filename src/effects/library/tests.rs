@@ -346,10 +346,8 @@ fn the_symbol_of_a_pair_is_the_rotation_of_its_later_axis_against_the_first() {
 
 #[test]
 fn tables_of_a_process_hold_every_value_of_their_targets_and_those_from_a_line_no_slope() {
-    let data = Data {
-        targets: core::array::from_fn(|_| vec![0.0, 10.0, 25.0, 31.0, 60.0, 75.0]),
-        ..all_data()
-    };
+    let data =
+        Data { targets: core::array::from_fn(|_| vec![0.0, 10.0, 25.0, 31.0, 60.0, 75.0]), ..all_data() };
     let positioning = EFFECTS.iter().find(|e| e.name == "positioning").unwrap();
     let subject = positioning.subjects.all().into_iter().find(|s| s.axis == Axis::X).unwrap();
     let shapes = (positioning.variants)(&data, &subject).unwrap();
