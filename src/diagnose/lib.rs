@@ -99,6 +99,8 @@ struct Analysis {
     filter: Filter,
     selection: Selection,
     noise: Vec<ClassNoise>,
+    /// White noise of a reading of each class, um.
+    reading_um: Vec<f64>,
     used: Vec<bool>,
     outlying: Vec<usize>,
     lattice_um: Vec<f64>,
@@ -234,6 +236,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
                 problem,
                 filter,
                 selection,
+                reading_um: white,
                 noise: class_noise,
                 used,
                 outlying,
@@ -297,6 +300,7 @@ fn compared(
         .collect();
     let filter = Filter::dense(comparison.covariance.clone(), comparison.groups.clone(), comparison.white_um);
     let white: Vec<f64> = noise.iter().map(|c| c.white_um).collect();
+    let reading_um = white_um.iter().map(|w| comparison.reading_um() * w / least).collect();
     let mut problem = Problem::new(session, &library, &filter, &gap, &white);
     let mut ordered = chosen.to_vec();
     let alone: Vec<f64> = chosen.iter().map(|v| problem.gain(&problem.given(&[]), *v).0).collect();
@@ -317,6 +321,7 @@ fn compared(
         problem,
         filter,
         noise,
+        reading_um,
         used,
         outlying,
         lattice_um,

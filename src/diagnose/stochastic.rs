@@ -21,6 +21,8 @@ pub(super) struct Evidence<'a> {
     pub(super) outlying: &'a [usize],
     pub(super) lattice_um: &'a [f64],
     pub(super) noise: &'a [ClassNoise],
+    /// White noise of a reading of each instrument class, um.
+    pub(super) reading_um: &'a [f64],
     /// Rows and whitened remainder.
     pub(super) rows: &'a [usize],
     pub(super) left: &'a [f64],
@@ -43,9 +45,9 @@ fn shaking(session: &Session, rows: &[usize], left: &[f64], beside: &[f64]) -> O
 }
 
 /// Scatter by the rounding of a display with this step, um, where it is a cause beside the noise.
-fn rounding(step_um: f64, noise: &ClassNoise) -> Option<f64> {
+fn rounding(step_um: f64, reading_um: f64) -> Option<f64> {
     let own = step_um / 12f64.sqrt();
-    (step_um >= STEP_UM && own >= HALF * noise.white_um).then_some(own)
+    (step_um >= STEP_UM && own >= HALF * reading_um).then_some(own)
 }
 
 fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]) -> Cause {
@@ -127,7 +129,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         found.push(wild);
     }
     for (class, step) in e.lattice_um.iter().enumerate() {
-        if e.varies(class) && *step >= TOLD * e.rms_um && rounding(*step, &e.noise[class]).is_some() {
+        if e.varies(class) && *step >= TOLD * e.rms_um && rounding(*step, e.reading_um[class]).is_some() {
             found.push(cause("quantisation", PASSED[0], &[("step_um", *step, 0.0)]));
             break;
         }

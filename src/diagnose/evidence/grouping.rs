@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::super::constants::ROWS_MAX;
+use super::super::constants::{MANY, ROWS_MAX};
 use super::super::library::STILL;
 use super::super::moment::{Moment, SLOTS};
+use super::super::noise::clipped_deviation;
 use super::super::session::Session;
 use volcomp_model::geometry::Vec3;
 
@@ -154,6 +155,16 @@ fn split(session: &Session, rows: Vec<usize>, wanted: usize, places: &[f64], out
     let first = wanted / 2;
     split(session, sorted, first, places, out);
     split(session, half, wanted - first, places, out);
+}
+
+/// White noise of a reading by the second differences of readings that follow each other within a group, um: of what is shorter
+/// than the groups their means say nothing. `None` where too few readings were averaged.
+pub(super) fn white_within_um(gap: &[f64], groups: &[Vec<usize>]) -> Option<f64> {
+    let triples = groups.iter().flat_map(|g| g.windows(3)).filter(|w| w[1] == w[0] + 1 && w[2] == w[1] + 1);
+    // of white noise their variance is that of a reading
+    let second = |w: &[usize]| (gap[w[0]] - 2.0 * gap[w[1]] + gap[w[2]]) / 6f64.sqrt();
+    let all: Vec<f64> = triples.map(second).collect();
+    (all.len() >= MANY).then(|| clipped_deviation(&all))
 }
 
 /// Mean state of the readings of each group.

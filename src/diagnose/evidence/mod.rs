@@ -48,6 +48,10 @@ pub fn compare(
     used: &[bool],
     white_um: &[f64],
 ) -> Option<Comparison> {
-    let structure = Structure::new(session, grouping::groups(session, used)?, white_um);
-    posterior::compare(session, library, gap, structure)
+    let groups = grouping::groups(session, used)?;
+    let within_um = grouping::white_within_um(gap, &groups);
+    let mut found =
+        posterior::compare(session, library, gap, Structure::new(session, groups, white_um))?;
+    found.within_um = within_um;
+    Some(found)
 }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{
-    LEAST_PROBABILITY, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, TIMES, TRIED,
+    LEAST_PROBABILITY, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES, TRIED,
 };
 use super::super::library::{Kind, Library, Shape};
 use super::super::moment::Axis;
@@ -69,6 +69,8 @@ pub struct Comparison {
     pub scales: Vec<(Component, f64)>,
     /// White noise, um.
     pub white_um: f64,
+    /// White noise of a reading by those that were averaged, um, where enough were.
+    pub within_um: Option<f64>,
     /// Drift, um, and its correlation time, s.
     pub drift: (f64, f64),
     /// Independent readings that the covariance amounts to.
@@ -77,6 +79,21 @@ pub struct Comparison {
     pub outlying: Vec<(usize, f64)>,
     /// Whitening of the likeliest case, in units of the white noise.
     pub covariance: Covariance,
+}
+
+impl Comparison {
+    /// White noise of a reading, um.
+    #[must_use]
+    pub fn reading_um(&self) -> f64 {
+        self.within_um.unwrap_or(self.white_um)
+    }
+
+    /// Mean square of what is no white noise and shorter than the means that were compared, um^2.
+    #[must_use]
+    pub fn finer_um2(&self) -> f64 {
+        let beyond = |within_um: f64| (self.white_um > SURE * within_um).then_some(within_um);
+        self.within_um.and_then(beyond).map_or(0.0, |within_um| self.white_um.powi(2) - within_um.powi(2))
+    }
 }
 
 /// The state of the search under one set of weights.
@@ -449,6 +466,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         shares: shares(search, &covariance, gram, best, &scales),
         scales: scales.clone(),
         white_um,
+        within_um: None,
         drift,
         effective: effective(&search.structure, &scales),
         outlying,

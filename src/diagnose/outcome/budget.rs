@@ -131,7 +131,7 @@ pub(super) fn budget(
     let whole = after.rms_um.powi(2);
     let [unexplained, drift, noise] = match &a.comparison {
         Some(c) => {
-            let unexplained = (c.shares.discrepancy_um2 + undeclared_um2).min(whole);
+            let unexplained = (c.shares.discrepancy_um2 + c.finer_um2() + undeclared_um2).min(whole);
             let drift = c.shares.drift_um2.min(whole - unexplained);
             [unexplained, drift, whole - unexplained - drift]
         }

@@ -140,13 +140,14 @@ pub(super) fn unexplained(
     (assessed, undeclared_um2): (&[Assessed], f64),
 ) -> Unexplained {
     let drifts = c.scales.iter().any(|(k, scale)| !k.is_discrepancy() && *scale > LARGE_DRIFT);
+    let finer_um2 = c.finer_um2();
     let discrepant = c.discrepancy > 1.0 - LITTLE && c.shares.discrepancy_um2 > 0.0;
     let s = &c.shares;
     let drift_um2 = if drifts { s.drift_um2 } else { 0.0 };
     let whole = s.named_um2 + s.discrepancy_um2 + s.drift_um2;
     let is_undecided = undeclared_um2 > LITTLE * whole;
-    let significant = discrepant || drifts || is_undecided;
-    let structured = s.discrepancy_um2 + drift_um2 + if is_undecided { undeclared_um2 } else { 0.0 };
+    let significant = discrepant || drifts || is_undecided || finer_um2 > 0.0;
+    let structured = s.discrepancy_um2 + finer_um2 + drift_um2 + if is_undecided { undeclared_um2 } else { 0.0 };
     let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
     let places = if significant { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
     let mut words = Vec::new();
@@ -182,6 +183,14 @@ pub(super) fn unexplained(
             s.discrepancy_um2.sqrt(),
             if kinds.is_empty() { "is of no effect established".to_owned() } else { kinds.join(" and ") },
             if is_pointwise { &values } else { "" }
+        ));
+    }
+    if finer_um2 > 0.0 {
+        words.push(format!(
+            "{:.2} µm RMS that change faster than the {} means compared, while readings that follow each other scatter by {:.2} µm",
+            finer_um2.sqrt(),
+            c.groups.len(),
+            c.reading_um()
         ));
     }
     if is_undecided {

@@ -218,6 +218,7 @@ pub(super) fn conclude(
             outlying: &a.outlying,
             lattice_um: &a.lattice_um,
             noise: &a.noise,
+            reading_um: &a.reading_um,
             rows: &a.problem.rows,
             left: &left,
             beside: &a.filter.column(&beside_repeats(session, &a.used, &without_causes)),
@@ -372,7 +373,7 @@ fn varying(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
 /// RMS of the white noise over the readings used, um.
 fn white_rms(session: &Session, a: &Analysis) -> f64 {
     let sum: f64 =
-        a.problem.rows.iter().map(|i| a.noise[session.readings[*i].instrument].white_um.powi(2)).sum();
+        a.problem.rows.iter().map(|i| a.reading_um[session.readings[*i].instrument].powi(2)).sum();
     (sum / a.problem.len().max(1) as f64).sqrt()
 }
 
@@ -401,10 +402,11 @@ fn instrument_noise(session: &Session, a: &Analysis) -> Vec<InstrumentNoise> {
         .instruments
         .iter()
         .zip(&a.noise)
+        .zip(&a.reading_um)
         .zip(&a.lattice_um)
-        .map(|((name, n), step)| InstrumentNoise {
+        .map(|(((name, n), white_um), step)| InstrumentNoise {
             instrument: name.clone(),
-            white_um: n.white_um,
+            white_um: *white_um,
             drift_um: n.drift_um,
             drift_s: n.drift_s,
             resolution_um: *step,
