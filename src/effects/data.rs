@@ -67,6 +67,8 @@ pub struct Data {
     pub clocks: Vec<(usize, f64, f64)>,
     /// Logged sources with their range and first value.
     pub sources: Vec<(Source, [f64; 2], f64)>,
+    /// Temperatures that go with the speed of the spindle.
+    pub follow_spindle: Vec<Source>,
     /// State at the first reading.
     pub first: MachineState,
 }
@@ -201,15 +203,15 @@ impl Data {
         self.sources.iter().filter_map(move |e| Some((&e.0, of(e)?)))
     }
 
+    /// True for the temperature of a spindle, by its name or by its course.
+    pub(crate) fn is_of_spindle(&self, source: &Source) -> bool {
+        names(source, &["spindle"]) || self.follow_spindle.contains(source)
+    }
+
     /// Temperatures of the air that change.
     pub(crate) fn air(&self) -> impl Iterator<Item = &Source> {
         self.temperatures().map(|t| t.0).filter(|s| names(s, &AIR))
     }
-}
-
-/// True for the temperature of a spindle.
-pub(crate) fn is_spindle(source: &Source) -> bool {
-    names(source, &["spindle"])
 }
 
 fn names(source: &Source, words: &[&str]) -> bool {

@@ -27,7 +27,7 @@ mod units;
 pub use effect::{Effect, Kind, Label, LabelError, Measurement, Procedure, Subject, Subjects, Without};
 pub use frame::RotaryFrame;
 pub use lever::Lever;
-pub use library::{EFFECTS, PROCEDURES, forms, squareness_symbol};
+pub use library::{EFFECTS, PROCEDURES, SPINDLE_S, forms, squareness_symbol};
 pub use polynomial::{legendre, twist};
 pub use shape::{REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
 pub use signal::{Follower, Signal};

@@ -50,8 +50,7 @@ pub fn compare(
 ) -> Option<Comparison> {
     let groups = grouping::groups(session, used)?;
     let within_um = grouping::white_within_um(gap, &groups);
-    let mut found =
-        posterior::compare(session, library, gap, Structure::new(session, groups, white_um))?;
+    let mut found = posterior::compare(session, library, gap, Structure::new(session, groups, white_um))?;
     found.within_um = within_um;
     Some(found)
 }

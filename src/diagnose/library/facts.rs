@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::constants::{MOVES, SEES};
-use super::super::moment::{Axis, Light, Moment, SLOTS};
+use super::super::constants::{FEW, HALF, MANY, MOVES, SEES};
+use super::super::moment::{Axis, Light, Moment, SLOTS, Signal, Source};
 use super::super::session::{Session, is_encoder};
 use super::STILL;
+use volcomp_effects::SPINDLE_S;
 use volcomp_effects::data::Data;
 
 /// Positions that differ by less are one.
@@ -68,8 +69,35 @@ pub(super) fn data(s: &Session) -> Data {
         sources: sources
             .filter_map(|o| Some((o.clone(), s.history.range(&o)?, s.history.first(&o)?)))
             .collect(),
+        follow_spindle: s.history.sources().into_iter().filter(|source| follows_spindle(s, source)).collect(),
         first: s.moments.first().cloned().unwrap_or_default(),
     }
+}
+
+/// True for a temperature whose changes are mostly those of the lagged speed of the spindle.
+fn follows_spindle(s: &Session, source: &Source) -> bool {
+    let step = s.moments.len().div_ceil(MANY);
+    // over a step a trend is a constant, which goes with nothing
+    let changes = |source: &Source, tau_s| -> Option<Vec<f64>> {
+        let values = s.history.lagged(&Signal::of(source.clone(), tau_s), &s.moments)?;
+        let seen: Vec<(usize, f64)> = s.moments.iter().map(|m| m.file).zip(values).step_by(step).collect();
+        let within = seen.windows(2).filter(|w| w[0].0 == w[1].0);
+        Some(within.map(|w| w[1].1 - w[0].1).collect())
+    };
+    let is_temperature = matches!(source, Source::Temperature(_));
+    let Some(own) = is_temperature.then(|| changes(source, 0.0)).flatten() else { return false };
+    let speeds = SPINDLE_S.into_iter().filter_map(|tau_s| changes(&Source::Spindle, tau_s));
+    own.len() >= FEW && speeds.map(|speed| determination(&own, &speed)).any(|share| share > HALF)
+}
+
+/// Share of the variance of some values that goes with others.
+fn determination(a: &[f64], b: &[f64]) -> f64 {
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    let (of_a, of_b) = (mean(a), mean(b));
+    let moment =
+        |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(b).map(|(x, y)| f(x - of_a, y - of_b)).sum::<f64>();
+    let (both, own, other) = (moment(&|x, y| x * y), moment(&|x, _| x * x), moment(&|_, y| y * y));
+    if own > 0.0 && other > 0.0 { both * both / (own * other) } else { 0.0 }
 }
 
 /// How long after a reversal of an axis a reading was taken in motion, s: the shortest time, 0 without any.

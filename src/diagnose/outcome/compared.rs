@@ -147,7 +147,8 @@ pub(super) fn unexplained(
     let whole = s.named_um2 + s.discrepancy_um2 + s.drift_um2;
     let is_undecided = undeclared_um2 > LITTLE * whole;
     let significant = discrepant || drifts || is_undecided || finer_um2 > 0.0;
-    let structured = s.discrepancy_um2 + finer_um2 + drift_um2 + if is_undecided { undeclared_um2 } else { 0.0 };
+    let structured =
+        s.discrepancy_um2 + finer_um2 + drift_um2 + if is_undecided { undeclared_um2 } else { 0.0 };
     let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
     let places = if significant { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
     let mut words = Vec::new();

@@ -372,8 +372,7 @@ fn varying(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
 
 /// RMS of the white noise over the readings used, um.
 fn white_rms(session: &Session, a: &Analysis) -> f64 {
-    let sum: f64 =
-        a.problem.rows.iter().map(|i| a.reading_um[session.readings[*i].instrument].powi(2)).sum();
+    let sum: f64 = a.problem.rows.iter().map(|i| a.reading_um[session.readings[*i].instrument].powi(2)).sum();
     (sum / a.problem.len().max(1) as f64).sqrt()
 }
 

@@ -1,11 +1,11 @@
 //! Thermal displacements of the spindle and of the structure.
 
-use crate::data::{Hidden, is_spindle};
+use crate::data::Hidden;
 use crate::extend::growth;
 use crate::prelude::*;
 
 /// Time constants of spindles, s; pairs of a fast and a slow one; of structures.
-const SPINDLE_S: [f64; 9] = [120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0, 9000.0, 14400.0];
+pub const SPINDLE_S: [f64; 9] = [120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0, 9000.0, 14400.0];
 /// Exponents of the speed by which a spindle heats: friction that does not depend on it, and that of a lubricated bearing, whose
 /// moment goes with the speed to the power 2/3.
 const POWERS: [f64; 2] = [1.0, 5.0 / 3.0];
@@ -33,7 +33,7 @@ pub(super) fn spindle_growth(data: &Data, _: &Subject) -> Variants {
         shapes.extend(SPINDLE_S.map(|t| shape(along, &[t], power)));
         shapes.extend(PAIRS_S.map(|pair| shape(along, &pair, power)));
     }
-    for (source, reference) in data.temperatures().filter(|(s, _)| is_spindle(s)) {
+    for (source, reference) in data.temperatures().filter(|(s, _)| data.is_of_spindle(s)) {
         let signals = vec![Signal::of(source.clone(), 0.0)];
         let of = |along: &Vec<Axis>| Growth { signals: signals.clone(), along: along.clone(), reference };
         shapes.extend(seen.clone().map(|along| of(along).into()));
@@ -45,7 +45,7 @@ pub(super) fn spindle_growth(data: &Data, _: &Subject) -> Variants {
 pub(super) fn ambient_drift(data: &Data, _: &Subject) -> Variants {
     let along: Vec<Axis> = Axis::LINEAR.into_iter().filter(|a| data.sees[a.slot()]).collect();
     let mut shapes = Vec::new();
-    for (source, reference) in data.temperatures().filter(|(s, _)| !is_spindle(s)) {
+    for (source, reference) in data.temperatures().filter(|(s, _)| !data.is_of_spindle(s)) {
         shapes.extend(STRUCTURE_S.map(|tau_s| {
             let signals = vec![Signal::of(source.clone(), tau_s)];
             Growth { signals, along: along.clone(), reference }.into()

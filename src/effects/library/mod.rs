@@ -65,6 +65,7 @@ macro_rules! shapes {
     };
 }
 
+pub use displacement::SPINDLE_S;
 pub use squareness::symbol as squareness_symbol;
 
 shapes! {

@@ -75,6 +75,7 @@ fn all_data() -> Data {
         encoders_only: false,
         clocks: vec![(0, 0.0, 100.0), (1, 0.0, 100.0)],
         sources: vec![temperature("air"), temperature("spindle"), (Source::Spindle, [0.0, 8.0], 0.0)],
+        follow_spindle: Vec::new(),
         first: MachineState::default(),
     }
 }
