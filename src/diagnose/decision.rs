@@ -272,7 +272,8 @@ fn real(e: &Evidence, company: f64, is_doubted: bool) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Cost, Evidence, HeldOut, Reason, decide};
+    use super::super::evidence::Contender;
+    use super::{Cost, Evidence, HeldOut, Reason, decide, decide_by_posterior};
     use crate::library::{Kind, Label};
     use crate::search::{Figures, Found};
 
@@ -382,5 +383,28 @@ mod tests {
             panic!("{:?}", one[1].reason)
         };
         assert!((with_um.powi(2) - (10.0 - 4.0 + 1.0 - 0.4 + 1.0)).abs() < 1e-9 && without_um < with_um);
+    }
+
+    #[test]
+    fn a_likely_effect_whose_correction_makes_the_gap_larger_is_not_declared() {
+        let likely = |label| Contender {
+            label,
+            variant: 0,
+            probability: 0.99,
+            group_probability: 0.99,
+            rivals: Vec::new(),
+            sums: Vec::new(),
+            aliases: Vec::new(),
+            chosen: true,
+            log_evidence: 200.0,
+        };
+        let contenders = [likely(0), likely(1)];
+        let all = || contenders.iter().map(|c| (effect(400.0, Figures::UNASKED), c)).collect();
+        let both = decide_by_posterior(all(), &held_out(&[2.0, 1.5]));
+        assert!(both.iter().all(super::Assessed::is_declared));
+        // a part of the gap that drift takes back
+        let one = decide_by_posterior(all(), &held_out(&[2.0, 0.3]));
+        assert!(one[0].is_declared());
+        assert!(matches!(one[1].reason, Some(Reason::Harms { with_um, without_um }) if with_um > without_um));
     }
 }

@@ -244,3 +244,44 @@ fn a_few_targets_are_a_table_that_does_not_swing_between_them() {
     let largest = curve.iter().map(|v| v.abs()).fold(0.0, f64::max);
     assert!(largest < 60.0, "{largest} um between the targets");
 }
+
+/// A day at the tool: the spindle runs in blocks, the structure grows with two time constants, a thermometer sits at the nose and
+/// another in the hall.
+#[test]
+fn a_thermometer_that_follows_the_spindle_is_no_ambient_temperature() {
+    let mut noise = normal(77);
+    let mut log = "t_s,spindle_rpm,z_um,t_front_degC,t_hall_degC\n".to_owned();
+    let (mut fast, mut slow, mut nose) = (0.0, 0.0, 0.0);
+    for k in 0..1440 {
+        let t = 60.0 * f64::from(k);
+        let rpm = [0.0, 8000.0, 4000.0, 0.0, 10_000.0, 6000.0][(k / 120 % 6) as usize];
+        let follow = |value: f64, tau: f64| value + (rpm / 1000.0 - value) * (60.0 / tau);
+        (fast, slow, nose) = (follow(fast, 1000.0), follow(slow, 9000.0), follow(nose, 900.0));
+        let hall = 21.0 + 1.5 * (t / 86_400.0 * core::f64::consts::TAU).sin();
+        let grown = -(1.0 * fast + 1.5 * slow) + 0.2 * noise();
+        writeln!(log, "{t},{rpm},{grown:.2},{:.1},{hall:.1}", 21.0 + 0.8 * nose).unwrap();
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("log.csv");
+    std::fs::write(&path, log).unwrap();
+    let found = diagnose(&path, &["--series", "z=z_um"]).0;
+    assert_eq!(declared(&found), ["spindle-growth:"]);
+}
+
+#[test]
+fn a_line_at_one_place_of_the_other_axes_shows_a_scale_and_no_angle() {
+    let model = "format = \"volcomp-model/1\"\nmachine = \"mill\"\nchain = \"[w X' Y' b Z t]\"\n\
+                 [frame]\nworkpiece-origin-mm = [0, 0, -620]\ntool-tip-mm = [0, 0, -120]\n\
+                 [axes.x]\ntravel-mm = [0, 850]\n[axes.y]\ntravel-mm = [0, 500]\n[axes.z]\ntravel-mm = [-500, 0]\n";
+    let mut noise = normal(5);
+    let mut table = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    for cycle in 1..=5 {
+        for sign in [1.0, -1.0] {
+            for k in 0..21 {
+                let x = 17.0 + 41.0 * f64::from(if sign > 0.0 { k } else { 20 - k });
+                writeln!(table, "{cycle},{sign},{x},{:.2}", -0.017 * x + 0.1 * noise()).unwrap();
+            }
+        }
+    }
+    assert_eq!(declared(&report(&table, Some(model), "x")), ["scale:x"]);
+}

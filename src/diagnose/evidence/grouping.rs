@@ -188,3 +188,23 @@ pub(super) fn means(session: &Session, groups: &[Vec<usize>]) -> Vec<Moment> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::TAU;
+
+    use super::super::super::noise::Random;
+    use super::white_within_um;
+
+    #[test]
+    fn the_noise_of_readings_is_seen_beside_drift_and_between_means() {
+        let mut random = Random::new(3);
+        let groups: Vec<Vec<usize>> = (0..100).map(|g| (20 * g..20 * (g + 1)).collect()).collect();
+        let slow = |k: usize| 30.0 * (TAU * k as f64 / 2000.0).sin();
+        let gap: Vec<f64> = (0..2000).map(|k| slow(k) + 0.2 * random.normal()).collect();
+        let within = white_within_um(&gap, &groups).unwrap();
+        assert!((within - 0.2).abs() < 0.02, "{within}");
+        let single: Vec<Vec<usize>> = (0..2000).map(|k| vec![k]).collect();
+        assert_eq!(white_within_um(&gap, &single), None);
+    }
+}

@@ -8,7 +8,12 @@ use super::super::session::{History, Raw, Session, Times};
 use super::{Comparison, compare};
 
 /// An ISO 230-2 test: 9 targets over 400 mm, 5 cycles, both directions; `deviation_um` of position, direction, cycle and time.
-fn iso_test(mut deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
+fn iso_test(deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
+    iso_test_of(9, deviation_um)
+}
+
+/// The same with another number of targets, 50 mm apart.
+fn iso_test_of(targets: u32, mut deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
     let names =
         ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um", "dir_x", "moving"];
     let mut raw = Raw {
@@ -20,8 +25,8 @@ fn iso_test(mut deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
     let mut t = 0.0;
     for cycle in 0..5 {
         for direction in [1.0, -1.0] {
-            for k in 0..9 {
-                let target = f64::from(if direction > 0.0 { k } else { 8 - k });
+            for k in 0..targets {
+                let target = f64::from(if direction > 0.0 { k } else { targets - 1 - k });
                 // uneven steps, as the standard asks
                 let x = 50.0 * target + 3.0 * (2.3 * target).sin();
                 let run = (2 * cycle + usize::from(direction < 0.0)) as f64;
@@ -74,6 +79,32 @@ fn a_reversal_error_is_named_beside_a_drift() {
         assert!(others(&found, &["backlash:x"]).0 < 0.5, "{seed}: {:?}", found.0.contenders);
         assert!(found.0.shares.drift_um2 > 4.0, "{seed}: {:?}", found.0.shares);
     }
+}
+
+#[test]
+fn a_mean_reversal_error_is_named_where_its_width_scatters_from_target_to_target() {
+    for seed in 0..3 {
+        let mut random = Random::new(seed);
+        let widths: Vec<f64> = (0..16).map(|_| 6.0 + 3.0 * random.normal()).collect();
+        let width = |x: f64| widths[(x / 50.0).round() as usize];
+        let raw = iso_test_of(16, |x, d, _, _| 0.5 * d * width(x) + 0.6 * random.normal());
+        let found = compared(raw);
+        assert!(probability(&found, "backlash:x") > 0.9, "{seed}: {:?}", found.0.contenders);
+        assert!(found.0.discrepancy > 0.95, "{seed}: {}", found.0.discrepancy);
+    }
+}
+
+/// One reading at each of 24 places, of which one is wild.
+#[test]
+fn one_bad_reading_is_no_table_of_positions() {
+    let mut random = Random::new(8);
+    let mut raw =
+        iso_test_of(24, |x, _, _, _| random.normal() + if x > 400.0 && x < 430.0 { 25.0 } else { 0.0 });
+    raw.columns.iter_mut().for_each(|c| c.truncate(24));
+    raw.instruments.truncate(24);
+    raw.lines.truncate(24);
+    let found = compared(raw);
+    assert!(probability(&found, "positioning:x") < 0.5, "{:?}", found.0.contenders);
 }
 
 #[test]

@@ -133,3 +133,18 @@ fn clocks(s: &Session) -> Vec<(usize, f64, f64)> {
     }
     spans.into_iter().map(|(file, (start, end))| (file, start, (end - start).max(STILL))).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::determination;
+
+    #[test]
+    fn what_goes_with_other_values_is_told_from_what_does_not() {
+        let a = [1.0, -2.0, 3.0, 0.5, -1.5];
+        let scaled: Vec<f64> = a.iter().map(|v| 4.0 - 0.3 * v).collect();
+        assert!((determination(&a, &scaled) - 1.0).abs() < 1e-12);
+        assert!(determination(&a, &[1.0, 1.0, 0.0, -1.0, -1.0]) < 0.3);
+        // values that do not change go with nothing
+        assert_eq!(determination(&a, &[2.0; 5]), 0.0);
+    }
+}

@@ -136,14 +136,36 @@ fn parameters(
     let (at, _) = a.problem.span[x.variant];
     let n = beta.len();
     let mine: Vec<usize> = (0..n).filter(|j| owner[*j] == place).collect();
-    names
-        .into_iter()
-        .zip(&mine)
-        .enumerate()
-        .map(|(k, (name, j))| {
-            let norm = a.problem.norm[at + k];
-            let scale = if norm > 0.0 { 1.0 / norm } else { 0.0 };
-            (name, Value { value: beta[*j] * scale, std: covariance[j * n + j].max(0.0).sqrt() * scale })
-        })
-        .collect()
+    let scale = |k: usize| {
+        let norm = a.problem.norm[at + k];
+        if norm > 0.0 { 1.0 / norm } else { 0.0 }
+    };
+    let value = |k: usize| beta[mine[k]] * scale(k);
+    let product = |k: usize, l: usize| covariance[mine[k] * n + mine[l]] * scale(k) * scale(l);
+    let names = &names[..names.len().min(mine.len())];
+    let each = (0..names.len()).map(|k| {
+        let std = product(k, k).max(0.0).sqrt();
+        (names[k].clone(), Value { value: value(k), std })
+    });
+    let amplitudes = (0..names.len()).filter_map(|k| {
+        let (name, sin) = amplitude_of(&names[k])?;
+        let l = names.iter().position(|n| *n == sin)?;
+        let (c, s) = (value(k), value(l));
+        let amplitude = c.hypot(s);
+        let variance = c * c * product(k, k) + 2.0 * c * s * product(k, l) + s * s * product(l, l);
+        let std = variance.max(0.0).sqrt() / amplitude.max(f64::MIN_POSITIVE);
+        Some((name, Value { value: amplitude, std }))
+    });
+    each.chain(amplitudes).collect()
+}
+
+/// Names of the amplitude and of the sine that belong to the cosine of a harmonic: `cos2_um` has `sin2_um`.
+fn amplitude_of(cos: &str) -> Option<(String, String)> {
+    let (harmonic, unit) = cos.strip_prefix("cos")?.split_once('_')?;
+    let is_plain = !unit.contains('_') && harmonic.bytes().all(|b| b.is_ascii_digit());
+    let name = match harmonic {
+        "" | "1" => format!("amplitude_{unit}"),
+        _ => format!("harmonic_{harmonic}_amplitude_{unit}"),
+    };
+    is_plain.then(|| (name, format!("sin{harmonic}_{unit}")))
 }

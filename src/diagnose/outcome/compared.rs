@@ -212,7 +212,7 @@ pub(super) fn unexplained(
         let temperature = if session.temperatures.is_empty() {
             "without a temperature"
         } else {
-            "because no temperature of these data correlates with it"
+            "because no temperature of these data correlates with what is left"
         };
         words.push(format!(
             "slow drift of {:.2} µm RMS{time}, of unknown source: machine, instrument and air are not distinguishable {temperature}",
