@@ -263,9 +263,26 @@ fn a_thermometer_that_follows_the_spindle_is_no_ambient_temperature() {
     }
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("log.csv");
-    std::fs::write(&path, log).unwrap();
-    let found = diagnose(&path, &["--series", "z=z_um"]).0;
-    assert_eq!(declared(&found), ["spindle-growth:"]);
+    let found = |log: &str| {
+        std::fs::write(&path, log).unwrap();
+        diagnose(&path, &["--series", "z=z_um"])
+    };
+    let (report, _) = found(&log);
+    assert_eq!(declared(&report), ["spindle-growth:"]);
+    // as a logger writes it: dates with times, units in brackets, a column of its own
+    let mut lines = log.lines();
+    lines.next();
+    let mut dated = "time,spindle_rpm,z_um,front [°C],hall [°C],door\n".to_owned();
+    for (k, line) in lines.enumerate() {
+        let (_, rest) = line.split_once(',').unwrap();
+        writeln!(dated, "2026-03-02 {:02}:{:02}:00,{rest},0", k / 60, k % 60).unwrap();
+    }
+    let (report, told) = found(&dated);
+    assert_eq!(declared(&report), ["spindle-growth:"]);
+    assert!(
+        told.contains("2 temperatures, spindle speed") && told.contains("columns not used: door"),
+        "{told}"
+    );
 }
 
 #[test]

@@ -232,6 +232,12 @@ pub fn day(text: &str) -> Option<i64> {
     i64::try_from(ticks.div_euclid(TICKS)).ok()
 }
 
+/// Seconds since 1970 of a stamp such as `2022-11-08 15:23:24.953`; `None` for any other text.
+#[must_use]
+pub fn date_time_s(text: &str) -> Option<f64> {
+    date_time_ticks(text).map(|ticks| ticks as f64 * 1e-7)
+}
+
 /// A stamp such as `2022-11-08 15:23:24.953` in steps of 100 ns.
 pub(crate) fn date_time_ticks(text: &str) -> Option<i128> {
     stamp::date_time(text, false)

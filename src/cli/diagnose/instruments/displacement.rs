@@ -1,5 +1,5 @@
 //! Logs of displacement at one position, such as a spindle that warms up (ISO 230-3): a table over time with columns of
-//! displacement in um, temperatures `<name>_degC` and `spindle_rpm`.
+//! displacement in um, temperatures `<name>_degC` or `<name> [°C]`, and `spindle_rpm`.
 
 use std::path::Path;
 
@@ -7,21 +7,39 @@ use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::numerals::counted;
 use crate::{Failure, table};
 use volcomp_diagnose::session::Times;
+use volcomp_formats::columns::date_time_s;
 
-/// True for the columns of such a log: displacements and something that explains them.
+/// Names of a column of times, in seconds or as dates with times.
+const TIMES: [&str; 5] = ["t_s", "time_s", "time", "timestamp", "datetime"];
+
+/// True for the columns of such a log: times and displacements, with something that explains them or nothing else.
 pub(super) fn is_log(header: &[&str]) -> bool {
-    let driven = |c: &str| c.eq_ignore_ascii_case("spindle_rpm") || sensor(c).is_some();
-    header.iter().any(|c| is_displacement(c)) && header.iter().any(|c| driven(c))
+    let driven = |c: &str| is_speed(c) || sensor(c).is_some();
+    let Some(time) = time_of(header.iter().copied()) else { return false };
+    let rest = || header.iter().enumerate().filter(|(i, _)| *i != time).map(|(_, c)| *c);
+    rest().any(is_displacement) && (rest().any(driven) || rest().all(is_displacement))
+}
+
+/// Place of the column of times.
+fn time_of<'a>(columns: impl Iterator<Item = &'a str> + Clone) -> Option<usize> {
+    TIMES.iter().find_map(|name| columns.clone().position(|c| c.trim().eq_ignore_ascii_case(name)))
+}
+
+fn is_speed(column: &str) -> bool {
+    column.eq_ignore_ascii_case("spindle_rpm")
 }
 
 fn is_displacement(column: &str) -> bool {
     column.len() > 3 && column.to_ascii_lowercase().ends_with("_um")
 }
 
-/// Name of the sensor of a column of temperature.
+/// Name of the sensor of a column of temperature: `t_nose_degC`, `temp_bed_degC`, `nose [°C]`.
 fn sensor(column: &str) -> Option<String> {
-    let lower = column.to_ascii_lowercase();
-    lower.strip_suffix("_degc").map(|s| s.trim_start_matches("temp_").to_owned()).filter(|s| !s.is_empty())
+    let lower = column.to_lowercase();
+    let unit = ["_degc", "[degc]", "(degc)", "_°c", "[°c]", "(°c)"];
+    let stem = unit.iter().find_map(|unit| lower.strip_suffix(unit))?;
+    let name = stem.trim().trim_start_matches("temp_").replace(' ', "_");
+    Some(name).filter(|s| !s.is_empty())
 }
 
 /// Directions of the channels by name (`x_um`, `dy_um`, `z1_um`), else as a nest of probes has them.
@@ -60,8 +78,12 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
 
 pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
     let mut table = table::open(path)?;
-    let t = table.require("t_s")?;
+    let names = table.columns().iter().map(String::as_str);
+    let t = time_of(names).map_or_else(|| table.require(TIMES[0]), Ok)?;
     let mut notes = Vec::new();
+    if !table.columns()[t].ends_with("_s") {
+        notes.push(format!("column {}: dates with times, or seconds", table.columns()[t]));
+    }
     let channels = if args.series.is_empty() {
         let all: Vec<String> = table.columns().iter().filter(|c| is_displacement(c)).cloned().collect();
         let (channels, note) = directions(path, &all)?;
@@ -76,18 +98,29 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     }
     let mut sources: Vec<(usize, String)> = Vec::new();
     for (i, name) in table.columns().iter().enumerate() {
-        if name.eq_ignore_ascii_case("spindle_rpm") {
+        if is_speed(name) {
             sources.push((i, name.to_ascii_lowercase()));
         } else if let Some(sensor) = sensor(name) {
             sources.push((i, format!("temp_{sensor}_degc")));
         }
     }
+    let is_read =
+        |i: usize| i == t || columns.iter().any(|(_, c, _)| *c == i) || sources.iter().any(|(c, _)| *c == i);
+    let unused: Vec<&str> =
+        table.columns().iter().enumerate().filter(|(i, _)| !is_read(*i)).map(|(_, n)| n.as_str()).collect();
+    if !unused.is_empty() {
+        notes.push(format!("columns not used: {}", unused.join(", ")));
+    }
     let mut names =
         vec!["t_s", "setup", "run", "repeat", "x_mm", "moving", "u_x", "u_y", "u_z", "deviation_um"];
     names.extend(sources.iter().map(|(_, n)| n.as_str()));
     let mut rows = Rows::new(path, names);
+    let mut start_s = None;
     while table.advance()? {
-        let at = table.number(t)?;
+        let at = match date_time_s(&table.word(t)) {
+            Some(s) => s - *start_s.get_or_insert(s),
+            None => table.number(t)?,
+        };
         let rest = sources.iter().map(|(i, _)| table.number_or_empty(*i));
         let rest: Vec<f64> = rest.collect::<Result<_, _>>()?;
         for (setup, (direction, column, name)) in columns.iter().enumerate() {

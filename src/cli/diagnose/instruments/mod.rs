@@ -153,7 +153,7 @@ pub(super) fn recognised(
     if has("CYCLE") && header.iter().any(|c| c.starts_with("DES_POS|")) {
         return capture::table(path, args).map(Some);
     }
-    if has("t_s") && displacement::is_log(&header) {
+    if displacement::is_log(&header) {
         return displacement::read(path, args).map(Some);
     }
     Ok(None)
