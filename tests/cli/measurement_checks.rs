@@ -330,8 +330,14 @@ fn two_measurements_of_different_ranges_are_noted() {
     write(d, "short.csv", &test(100.0));
     let (_, said) = ok(d, &["verify", "--before", "long.csv", "--after", "short.csv"]);
     assert!(said.contains("before covers 0 to 1000 mm, after 0 to 500 mm"), "{said}");
-    let (_, said) = ok(d, &["verify", "--before", "long.csv", "--after", "long.csv"]);
+    write(d, "later.csv", &test(199.0));
+    let (_, said) = ok(d, &["verify", "--before", "long.csv", "--after", "later.csv"]);
     assert!(!said.contains("covers"), "{said}");
+    std::fs::copy(d.join("long.csv"), d.join("copy.csv")).unwrap();
+    let output = volcomp(d, &["verify", "--before", "long.csv", "--after", "copy.csv"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(65));
+    assert!(said.contains("copy.csv: holds the same data as long.csv"), "{said}");
 }
 
 #[test]

@@ -293,7 +293,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         keys: keys(),
         stated: Stated { feed_mm_per_min: after.feed, ..Stated::default() },
         unit: "µm",
-        expanded: figures.iter().map(|two| two.each_ref().map(|f| f.expanded)).collect(),
         figures,
         about: [", about the fitted centre", ", about the nominal circle at the fitted centre"],
         plots,

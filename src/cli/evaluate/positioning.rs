@@ -141,7 +141,12 @@ fn keys() -> Vec<String> {
 fn assessed(acceptance: &Acceptance, test: &Evaluated) -> Vec<Assessed> {
     let stated = stated(&test.uncertainties);
     let expanded = |key: &str| stated.iter().find(|(k, _)| *k == key).map(|(_, u)| *u);
-    assess(FIGURES, &test.result, acceptance, &format!("_{}", test.units().0), expanded)
+    let unit = format!("_{}", test.units().0);
+    let mut figures = assess(FIGURES, &test.result, acceptance, &unit, expanded);
+    for f in &mut figures {
+        f.compared = whole(&test.uncertainties, f.key.trim_end_matches(&unit));
+    }
+    figures
 }
 
 /// Expanded uncertainties of the measurement by the keys of the figures; none where nothing was stated.
@@ -468,7 +473,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     let plot = |test: &Evaluated, scale| drawing::single(&test.shown(), scale, drawing::HEIGHT);
     let own = drawing::scale([Some(&after.result)], [&after.readings[..]]);
     let plots = before_and_after([&before, &after], [scale, own], plot)?;
-    let of_key = |(key, ..): &(&str, _, _)| [&before, &after].map(|test| whole(&test.uncertainties, key));
     let placed = |test: &Evaluated| test.readings.iter().map(|r| placed(0, r)).collect();
     Ok(Compared {
         test: "iso230-2",
@@ -477,7 +481,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         stated: after.stated.clone(),
         unit: after.units().1,
         figures: side_by_side([&before, &after].map(|test| assessed(&Acceptance::default(), test))),
-        expanded: FIGURES.iter().map(of_key).collect(),
         about: ["", ", about zero"],
         plots,
         caption: "Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both directions.",
