@@ -93,6 +93,7 @@ mod schema;
 mod start_up;
 mod status;
 mod table;
+mod targets;
 mod units;
 mod verify;
 

@@ -60,11 +60,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (Some(points), Some(out)) = (&args.points, &args.out) else {
         return Err(Failure::usage("give --points and --out, or --circle"));
     };
-    let same = points == out && out.as_os_str() != "-";
-    let resolved = || Some(points.canonicalize().ok()? == out.canonicalize().ok()?);
-    if same || resolved().unwrap_or(false) {
-        return Err(usage!("--out {}: is the file of points; name another", out.display()));
-    }
     let (spec, model, hash) = read_hashed_model(&args.model)?;
     let live = readings::live_values(&args.model, &model, &args.reading)?;
     let mut table = table::open_stream(points)?;

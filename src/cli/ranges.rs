@@ -159,10 +159,10 @@ fn outside<'c>(command: &'c Command, matches: &ArgMatches) -> Option<(&'c Arg, f
     outside(command.find_subcommand(name)?, matches)
 }
 
-/// Parses a command line and checks every number in it.
+/// Parses a command line, checks every number in it, and refuses to write over a file that it reads.
 ///
 /// # Errors
-/// A wrong command line, or a number outside its range.
+/// A wrong command line, a number outside its range, or an output that is an input.
 pub fn parse<A: Parser>(args: impl IntoIterator<Item = std::ffi::OsString>) -> Result<A, clap::Error> {
     parse_with(A::command(), args)
 }
@@ -176,6 +176,9 @@ pub(crate) fn parse_with<A: Parser>(
     if let Some((argument, value, [low, high])) = outside(&command, &matches) {
         let what = format!("invalid value '{value:?}' for '{argument}': expected {low} to {high}");
         return Err(command.error(ErrorKind::ValueValidation, what));
+    }
+    if let Some(what) = super::targets::conflict(&command, &matches) {
+        return Err(command.error(ErrorKind::ArgumentConflict, what));
     }
     A::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut command))
 }

@@ -439,7 +439,7 @@ fn what_is_no_file_is_named() {
     for (file, code, said) in [
         (stage.0.path().to_owned(), 74, "is a directory; expected a model file"),
         (fifo, 74, "nothing was written into this FIFO for 5 s"),
-        (stage.path("none"), 74, "No such file"),
+        (stage.path("none"), 74, "no such file"),
         (stage.path("empty"), 78, "format is missing"),
         (PathBuf::from("/dev/null"), 78, "format is missing"),
     ] {

@@ -197,6 +197,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(usage!("neither --out nor --into is given"));
     }
     stdout_once(&args.model, args.json.as_deref())?;
+    args.model.check()?;
     let mut by_symbol = BySymbol::new();
     if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
         return Err(usage!(
