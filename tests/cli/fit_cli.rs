@@ -486,3 +486,45 @@ fn the_point_of_a_rotary_axis_is_asked_for() {
         "{said}"
     );
 }
+
+#[test]
+fn positions_are_checked_before_the_fit() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("x.csv"), motion()).unwrap();
+    std::fs::write(d.join("again.csv"), motion()).unwrap();
+    for position in ["1e5", "1e7", "1e9"] {
+        std::fs::write(d.join("far.csv"), motion() + position + ",1,1,3\r\n").unwrap();
+        let output = volcomp(d, &["fit", "--axis", "x", "--errors", "far.csv", "--out", "m.toml"]);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(65));
+        assert!(stderr.contains("far.csv:81: position 1"), "{stderr}");
+        assert!(stderr.contains("lies far from all others, 0 to 500 mm"), "{stderr}");
+    }
+    let twice = ["fit", "--axis", "x", "--errors", "x.csv", "--errors", "again.csv", "--out", "m.toml"];
+    let output = volcomp(d, &twice);
+    assert_eq!(output.status.code(), Some(65));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("again.csv: all of its 78 readings of EXX stand in x.csv, too"), "{stderr}");
+    // the travel of the command line, then that of the model
+    let fit = ["fit", "--axis", "x", "--errors", "x.csv", "--travel", "x=0:400", "--out", "m.toml"];
+    for args in [&fit[..], &["fit", "--axis", "x", "--errors", "x.csv", "--into", "m.toml"]] {
+        let stderr = String::from_utf8_lossy(&succeed(d, args).stderr).into_owned();
+        assert!(
+            stderr
+                .contains("x.csv:24: position 420 mm is outside the travel of axis X, 0 to 400 mm (15 of 78"),
+            "{stderr}"
+        );
+    }
+}
+
+#[test]
+fn a_curve_that_swings_between_far_positions_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("far.csv"), motion() + "9000,1,1,3\r\n").unwrap();
+    let output = volcomp(d, &["fit", "--axis", "x", "--errors", "far.csv", "--out", "m.toml"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(65), "{stderr}");
+    assert!(stderr.contains("between the positions, the readings"), "{stderr}");
+}
