@@ -448,3 +448,15 @@ fn the_file_that_is_read_is_not_written_over() {
     assert!(fails(64, &["import", &file]).contains("--out is not given"));
     assert!(fails(74, &["import", &s.path("no.rtl"), "--out", &s.path("x.csv")]).contains("no.rtl"));
 }
+
+#[test]
+fn an_exported_recording_is_a_session_without_readings() {
+    let s = Scratch::new();
+    let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/recordings/three-axes.vcrec");
+    ok(&["export", recording, "--format", "csv", "--out", &s.path("r.csv")]);
+    let said = fails(65, &["diagnose", "--data", &s.path("r.csv")]);
+    assert!(
+        said.contains("deviation_um is empty in every row; a recording of the daemon measures no deviation"),
+        "{said}"
+    );
+}
