@@ -440,7 +440,7 @@ fn bad_input_is_refused_with_its_place() {
         ("position_mm,exx_um\n0,1\n10,2\n", &["--chain", "[w b Y t]"], 65, "axis X"),
         ("position_mm,exx_um\n0,1\n10,2\n", &["--chain", "w b X t"], 64, "--chain"),
         ("position_mm,exx_um\n0,1\n10,2\n", &["--squareness", "exx=3"], 64, "unknown squareness"),
-        ("position_mm,exx_um\n0,1\n10,2\n", &["--order", "many"], 64, "neither a number nor auto"),
+        ("position_mm,exx_um\n0,1\n10,2\n", &["--order", "many"], 64, "neither a number from 0 up nor auto"),
         (
             "position_mm,exx_um\n0,1\n10,2\n",
             &["--cycles", "3"],

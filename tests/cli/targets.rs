@@ -118,3 +118,29 @@ fn what_is_missing_is_named() {
         assert!(!stderr.contains("note:"), "{line}: {stderr}");
     }
 }
+
+#[test]
+fn a_negative_number_meets_the_range_of_its_option() {
+    let scratch = tempfile::tempdir().unwrap();
+    let d = scratch.path();
+    std::fs::copy(format!("{DATA}linear-after.csv"), d.join("t.csv")).unwrap();
+    let (code, stderr) =
+        run(d, "evaluate iso230-2 t.csv --temperature-degc -5 --u-expansion-um-per-m-degc 1");
+    assert_eq!(code, 0, "{stderr}");
+    for (line, named) in [
+        ("evaluate iso230-2 t.csv --u-device-um -3", "'-3' for '--u-device-um <UM>': expected 0 to 100000"),
+        (
+            "evaluate iso230-2 t.csv --temperature-degc -60 --u-expansion-um-per-m-degc 1",
+            "expected -50 to 150",
+        ),
+        (
+            "fit --errors t.csv --axis x --out m.toml --order -3",
+            "'-3' is neither a number from 0 up nor auto",
+        ),
+        ("diagnose --data t.csv --seed -1", "'-1' for '--seed <N>': expected a whole number from 0 up"),
+    ] {
+        let (code, stderr) = run(d, line);
+        assert_eq!(code, 64, "{line}: {stderr}");
+        assert!(stderr.contains(named), "{line}: {stderr}");
+    }
+}

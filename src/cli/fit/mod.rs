@@ -168,7 +168,7 @@ impl<T: core::str::FromStr> core::str::FromStr for AutoOr<T> {
         if text == "auto" {
             return Ok(Self::Auto);
         }
-        text.parse().map(Self::Given).map_err(|_| format!("'{text}' is neither a number nor auto"))
+        text.parse().map(Self::Given).map_err(|_| format!("'{text}' is neither a number from 0 up nor auto"))
     }
 }
 
