@@ -12,6 +12,8 @@ use std::process::ExitCode;
 use clap::Parser;
 use volcomp_config::ConfigErrors;
 
+use super::numerals::micro;
+
 /// Wrong usage.
 pub const EX_USAGE: u8 = 64;
 /// Bad data.
@@ -137,9 +139,9 @@ pub fn line(text: fmt::Arguments<'_>) {
     }
 }
 
-/// Writes a line to stderr. A reader that has seen enough, or a full disk, is no failure: the exit code still tells.
+/// Writes a line to stderr, units as a person writes them. A reader that has seen enough, or a full disk, is no failure: the exit code still tells.
 pub fn note(text: fmt::Arguments<'_>) {
-    note_text(format_args!("{text}\n"));
+    note_text(format_args!("{}\n", micro(&text.to_string())));
 }
 
 /// Writes text to stderr without an end of line; see [`note!`].

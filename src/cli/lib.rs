@@ -9,6 +9,11 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::line(format_args!($($text)*)) };
 }
 
+/// Like [`say!`] for text, not data: units as a person writes them.
+macro_rules! say_text {
+    ($($text:tt)*) => { $crate::line(format_args!("{}", $crate::numerals::micro(&format!($($text)*)))) };
+}
+
 /// Like `eprintln!`, but never panics: see [`exit::note`].
 macro_rules! note {
     ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };

@@ -145,7 +145,7 @@ fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
         if let Some(change) = &answer.change {
             let figure =
                 |value: Option<f64>, unit| value.map_or_else(|| "?".to_owned(), |v| format!("{v:.2} {unit}"));
-            say!(
+            say_text!(
                 "largest change in the working volume: {}, {}",
                 figure(change.largest_um, "um"),
                 figure(change.largest_arcsec, "arcsec")

@@ -417,7 +417,7 @@ fn bad_input_is_refused_with_its_place() {
         ("position_mm,exx_um\n0,1e31\n", &[], 65, "m.csv:2:3: exx_um: 1e31 is beyond 1e30"),
         ("position_mm,exx_um\n0,1\n10,two\n", &[], 65, "m.csv:3:4: exx_um: 'two' is not a number"),
         ("position_mm,exx_um\n0,1\n", &[], 65, "EXX: 1 distinct positions"),
-        ("position_mm,exx_um\n0,1\n10,9000000\n", &["--basis", "table"], 65, "the limit is 5000 um"),
+        ("position_mm,exx_um\n0,1\n10,9000000\n", &["--basis", "table"], 65, "the limit is 5000 µm"),
         (
             "position_mm,exx_um\n0,1\n10,2\n20,1\n",
             &["--basis", "chebyshev", "--order", "3"],

@@ -272,7 +272,7 @@ fn a_volumetric_table_goes_in_and_comes_out_again() {
         assert!(s.read("m.toml").contains("source-hash = \"blake3:"));
         ok(&["check", &model]);
         let said = ok(&["export", &model, "--format", "isg", "--sense", sense, "--out", &again]);
-        assert!(said.contains("at most 0.000 um from the model"), "{said}");
+        assert!(said.contains("at most 0.000 µm from the model"), "{said}");
         let back = s.path("back.toml");
         let mut args = vec!["import", &again, "--sense", sense, "--out", &back];
         args.extend(chain);

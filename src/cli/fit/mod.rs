@@ -235,7 +235,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     print_notes(&fitted);
     fitted.iter().flat_map(outlier_lines).for_each(|line| note!("outlier: {line}"));
     if !stdout_taken(&args.model, args.json.as_deref()) {
-        say!("{}", table(&fitted).trim_end());
+        say_text!("{}", table(&fitted).trim_end());
     }
     Ok(())
 }

@@ -4,6 +4,7 @@
 use std::fmt::{Display, Write as _};
 
 use super::chart::{Bar, Ink, bars};
+use crate::numerals::micro;
 use crate::report_page::Plot;
 
 /// Light, dark and print; the classes of charts are those of [`super::chart`], and pictures with colours of their own (attributes of
@@ -120,22 +121,22 @@ impl Page {
 
     /// A heading.
     pub fn heading(&mut self, words: impl Display) {
-        self.put(format_args!("<h2>{}</h2>\n", escape(&words.to_string())));
+        self.put(format_args!("<h2>{}</h2>\n", words_of(words)));
     }
 
     /// A heading that starts a sheet of paper.
     pub(crate) fn sheet(&mut self, words: impl Display) {
-        self.put(format_args!("<h2 class=\"sheet\">{}</h2>\n", escape(&words.to_string())));
+        self.put(format_args!("<h2 class=\"sheet\">{}</h2>\n", words_of(words)));
     }
 
     /// A paragraph.
     pub fn paragraph(&mut self, words: impl Display) {
-        self.put(format_args!("<p>{}</p>\n", escape(&words.to_string())));
+        self.put(format_args!("<p>{}</p>\n", words_of(words)));
     }
 
     /// The answer, in large print.
     pub fn lead(&mut self, words: impl Display) {
-        self.put(format_args!("<p class=\"lead\">{}</p>\n", escape(&words.to_string())));
+        self.put(format_args!("<p class=\"lead\">{}</p>\n", words_of(words)));
     }
 
     /// Markup as it is; the caller has escaped its words.
@@ -181,14 +182,14 @@ impl Page {
     pub(crate) fn list(&mut self, items: &[String]) {
         self.text.push_str("<ul>");
         for item in items {
-            self.put(format_args!("<li>{}</li>", escape(item)));
+            self.put(format_args!("<li>{}</li>", words_of(item)));
         }
         self.text.push_str("</ul>\n");
     }
 
     /// A remark in small print.
     pub fn note(&mut self, words: impl Display) {
-        self.put(format_args!("<p class=\"note\">{}</p>\n", escape(&words.to_string())));
+        self.put(format_args!("<p class=\"note\">{}</p>\n", words_of(words)));
     }
 
     /// Text whose lines stay as they are.
@@ -263,7 +264,7 @@ impl Page {
 
     /// A picture with what it shows; `svg` is markup.
     pub(crate) fn figure(&mut self, svg: &str, caption: impl Display) {
-        let caption = escape(&caption.to_string());
+        let caption = words_of(caption);
         self.put(format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
     }
 
@@ -278,6 +279,11 @@ impl Page {
         self.text.push_str("</body></html>\n");
         self.text
     }
+}
+
+/// Words of a sentence as markup, with units as a person writes them.
+fn words_of(words: impl Display) -> String {
+    escape(&micro(&words.to_string()))
 }
 
 /// Text of a file as a string of the style sheet: whatever could end the string or the sheet is left out.

@@ -85,7 +85,7 @@ impl Method for Args {
             for (name, line) in &lines {
                 let [intercept, straightness] = [line.intercept, line.straightness].map(um_from_mm);
                 let slope = arcsec_from_rad(line.slope);
-                say!("{name:<14}{slope:>11.3} \"{intercept:>15.3} um{straightness:>15.3} um");
+                say_text!("{name:<14}{slope:>11.3} \"{intercept:>15.3} um{straightness:>15.3} um");
             }
         }))
     }
