@@ -18,6 +18,7 @@ use crate::numerals::counted;
 use crate::positioning_data::TestColumns;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
 use crate::report::{Page, Table};
+use crate::units::check_size;
 use crate::{Failure, table};
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
@@ -65,6 +66,8 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
         let (target, deviation) = (r.position, um_from_mm(r.value));
         Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
     })?;
+    let largest = readings.iter().map(|(_, r)| r.deviation.abs()).fold(0.0, f64::max);
+    check_size(&path.display().to_string(), "deviation_um", largest, false)?;
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }

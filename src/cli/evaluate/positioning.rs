@@ -18,6 +18,7 @@ use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::report::{Page, Table};
 use crate::start_up::{StartUp, in_report_units, words};
+use crate::units::check_size;
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
 use volcomp_units::axes::{AxisKind, Travel};
@@ -93,7 +94,7 @@ fn read(
     }
     let conditions = uncertainty.conditions(test.kind)?;
     let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
-    unit_note(path, test.kind, &readings);
+    check_unit(path, test.kind, &readings)?;
     uncertainty_note(path, &result, &uncertainties);
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
@@ -102,8 +103,12 @@ fn read(
     Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up, stated })
 }
 
-/// Deviations that no machine tool keeps below, um; a column in mm that is named um looks so.
-const SMALLEST_UM: f64 = 0.1;
+/// Looks at the unit of the deviations.
+fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<(), Failure> {
+    let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
+    let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
+    check_size(&path.display().to_string(), column, largest, kind == AxisKind::Rotary)
+}
 
 /// States that the uncertainty leaves nothing of the result.
 fn uncertainty_note(path: &Path, result: &Positioning, u: &Uncertainties) {
@@ -111,17 +116,6 @@ fn uncertainty_note(path: &Path, result: &Positioning, u: &Uncertainties) {
     if let Some((u, a)) = of_a.zip(result.both.map(|b| b.a)).filter(|(u, a)| u > a) {
         note!(
             "note: {}: the uncertainty of A, {u:.2}, is larger than A itself, {a:.2}: check the values of --u-device-um, .. (k = 2)",
-            path.display()
-        );
-    }
-}
-
-/// States that a test may be in another unit.
-fn unit_note(path: &Path, kind: AxisKind, readings: &[PositioningReading]) {
-    let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
-    if kind == AxisKind::Linear && largest < SMALLEST_UM {
-        note!(
-            "note: {}: no deviation exceeds {SMALLEST_UM} µm (largest {largest:.4} µm): is deviation_um in µm?",
             path.display()
         );
     }

@@ -7,6 +7,7 @@ use super::input::{BySymbol, Measured};
 use super::report::Fitted;
 use crate::Failure;
 use crate::numerals::figure;
+use crate::units::{Units, check_size, column};
 use volcomp_model::{ErrorSymbol, ModelError};
 use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
@@ -31,6 +32,7 @@ pub(super) fn check(by_symbol: &BySymbol, travel: impl Fn(AxisName) -> Option<[f
         let axis = symbol.axis();
         let unit = Unit::of(axis);
         check_gap(measured, &unit)?;
+        check_sizes(*symbol, measured)?;
         let outside = travel(axis).and_then(|travel| outside(measured, axis, &unit, travel));
         noted.extend([outside, metres(measured, axis)].into_iter().flatten());
     }
@@ -115,6 +117,16 @@ fn metres(measured: &Measured, axis: AxisName) -> Option<String> {
         let (file, _) = measured.place(0);
         format!("{file}: all positions of axis {axis} lie within 1 mm of zero; were they in m, not in mm?")
     })
+}
+
+/// Looks at the unit of the values of each file.
+fn check_sizes(symbol: ErrorSymbol, measured: &Measured) -> Result<()> {
+    let of_value = Units::of(symbol).of_value;
+    for (file, readings) in measured.by_file() {
+        let largest = readings.iter().map(|r| of_value(r.value).abs()).fold(0.0, f64::max);
+        check_size(file, &column(symbol), largest, symbol.is_angle())?;
+    }
+    Ok(())
 }
 
 /// The same readings under two names pass for repeats without scatter.
