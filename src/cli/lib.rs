@@ -108,6 +108,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 
 pub use ranges::parse;
+pub use volcomp_config::{suggestion, with_nearest};
 
 pub use exit::{
     EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, not_parsed, note, note_text,

@@ -144,3 +144,33 @@ fn a_negative_number_meets_the_range_of_its_option() {
         assert!(stderr.contains(named), "{line}: {stderr}");
     }
 }
+
+#[test]
+fn a_file_of_another_kind_is_named() {
+    let scratch = tempfile::tempdir().unwrap();
+    let d = scratch.path();
+    for (from, to) in
+        [("model-full.toml", "model.toml"), ("points.csv", "points.csv"), ("addition.toml", "addition.toml")]
+    {
+        std::fs::copy(format!("{DATA}{from}"), d.join(to)).unwrap();
+    }
+    for (line, named) in [
+        (
+            "model extend --model model.toml --add model.toml --out o.toml",
+            "volcomp-model/1 file, not an addition",
+        ),
+        ("export points.csv --format csv --out o.csv", "not TOML: this is a table of data"),
+        ("predict --model points.csv --points points.csv --out -", "not TOML: this is a table of data"),
+    ] {
+        let (code, stderr) = run(d, line);
+        assert_eq!(code, 78, "{line}: {stderr}");
+        assert!(stderr.contains(named) && stderr.matches("error:").count() == 1, "{line}: {stderr}");
+    }
+    std::fs::write(d.join("points-of-x.csv"), "x_mm\n100\n").unwrap();
+    let (code, stderr) = run(d, "predict --model model.toml --points points-of-x.csv --out -");
+    assert_eq!(code, 0, "{stderr}");
+    assert!(
+        stderr.contains("no column dir_x: errors of axis X that depend on its direction are those of travel"),
+        "{stderr}"
+    );
+}
