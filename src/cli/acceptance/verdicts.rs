@@ -107,7 +107,8 @@ pub(crate) fn summary(all: &[Assessed]) -> Option<String> {
     ] {
         let names = of(verdict);
         if names.len() == judged && judged > 1 {
-            parts.push(format!("{words}: all {judged} tolerances stated"));
+            let all = if judged == 2 { "both".to_owned() } else { format!("all {judged}") };
+            parts.push(format!("{words} with {all} stated tolerances"));
         } else if !names.is_empty() {
             parts.push(format!("{words}: {}", names.join(", ")));
         }
@@ -142,7 +143,7 @@ mod tests {
         ];
         assert_eq!(summary(&all).unwrap(), "Non-conformity: accuracy A. Conformity: accuracy A.");
         let both = [all[0].clone(), all[0].clone()];
-        assert_eq!(summary(&both).unwrap(), "Conformity: all 2 tolerances stated.");
+        assert_eq!(summary(&both).unwrap(), "Conformity with both stated tolerances.");
         assert_eq!(summary(&all[2..]), None);
     }
 }

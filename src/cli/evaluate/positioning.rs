@@ -390,11 +390,9 @@ fn report(
     page.heading("Each direction");
     page::figures(unit, &judged.figures[BOTH..], before.map(|(_, old)| &old[BOTH..])).put(&mut page);
     uncertainty_section(&mut page, &after.result, &after.uncertainties, unit);
-    page.heading("Targets");
-    targets(&mut page, &after.result, unit, target_unit);
+    targets(&mut page, "Targets", &after.result, [unit, target_unit]);
     if let Some((before, _)) = before {
-        page.heading("Targets before");
-        targets(&mut page, &before.result, unit, target_unit);
+        targets(&mut page, "Targets before", &before.result, [unit, target_unit]);
     }
     Ok(page::finish(page, judged))
 }
@@ -431,8 +429,8 @@ fn uncertainty_section(page: &mut Page, p: &Positioning, u: &Uncertainties, unit
     );
 }
 
-fn targets(page: &mut Page, p: &Positioning, unit: &str, target_unit: &str) {
-    let (target, forward) = (format!(">target / {target_unit}"), format!(">mean forward / {unit}"));
+fn targets(page: &mut Page, heading: &str, p: &Positioning, [unit, target_unit]: [&str; 2]) {
+    page.heading(format_args!("{heading}, deviations in {unit}"));
     let rows = p.targets.iter().map(|t| {
         let mean = |s: Option<Spread>| show(s.map(|s| s.mean));
         let spread = |s: Option<Spread>| show(s.map(|s| s.s));
@@ -447,7 +445,8 @@ fn targets(page: &mut Page, p: &Positioning, unit: &str, target_unit: &str) {
             show(t.repeatability()),
         ]
     });
-    Table::new([&target, &forward, ">s", ">mean backward", ">s", ">mean of both", ">B", ">R"])
+    let heads = [">mean forward", ">s", ">mean backward", ">s", ">mean of both", ">B", ">R"];
+    Table::new([format!(">target / {target_unit}")].into_iter().chain(heads.map(str::to_owned)))
         .rows(rows)
         .put(page);
 }

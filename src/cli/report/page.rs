@@ -199,6 +199,7 @@ impl Page {
 
     /// A table; no head where `head` is empty. Short ones are not cut at the end of a sheet.
     pub(crate) fn table(&mut self, head: &[Cell], rows: &[Vec<Cell>]) {
+        self.text.push_str("<div class=\"scroll\">");
         self.text.push_str(if rows.len() <= 30 { "<table class=\"keep\">" } else { "<table>" });
         if !head.is_empty() {
             self.text.push_str("<thead>");
@@ -208,7 +209,7 @@ impl Page {
         for row in rows {
             self.row(row, false);
         }
-        self.text.push_str("</table>\n");
+        self.text.push_str("</table></div>\n");
     }
 
     /// Charts side by side where there is room.
@@ -265,12 +266,12 @@ impl Page {
     /// A picture with what it shows; `svg` is markup.
     pub(crate) fn figure(&mut self, svg: &str, caption: impl Display) {
         let caption = words_of(caption);
-        self.put(format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
+        self.put(format_args!("{}{svg}<figcaption>{caption}</figcaption></figure>\n", figure_tag(svg)));
     }
 
     /// A picture without caption; `svg` is markup.
     pub(crate) fn picture(&mut self, svg: &str) {
-        self.put(format_args!("<figure>{svg}</figure>\n"));
+        self.put(format_args!("{}{svg}</figure>\n", figure_tag(svg)));
     }
 
     /// The finished page.
@@ -278,6 +279,19 @@ impl Page {
     pub fn finish(mut self) -> String {
         self.text.push_str("</body></html>\n");
         self.text
+    }
+}
+
+/// Height over width from which a picture takes half a sheet of paper.
+const TALL: f64 = 0.65;
+
+/// The start of a figure; a tall picture has more room on paper.
+fn figure_tag(svg: &str) -> &'static str {
+    let size = svg.split_once("viewBox=\"").and_then(|(_, rest)| rest.split_once('"')).map(|(size, _)| size);
+    let numbers: Vec<f64> = size.unwrap_or("").split(' ').filter_map(|n| n.parse().ok()).collect();
+    match numbers[..] {
+        [_, _, width, height] if height > TALL * width => "<figure class=\"tall\">",
+        _ => "<figure>",
     }
 }
 
@@ -319,6 +333,19 @@ mod tests {
         let text = page.finish();
         assert!(!text.contains("<x>") && text.matches("&lt;x&gt;").count() == 14, "{text}");
         assert_eq!(css_text("a\"}</style>\\\n\u{b5}"), "a}/style\u{b5}");
+    }
+
+    #[test]
+    fn wide_tables_scroll_and_tall_pictures_get_half_a_sheet() {
+        let mut page = Page::new("t");
+        page.table(&[], &[vec![Cell::text("a")]]);
+        page.picture("<svg viewBox=\"0 0 840 720\"></svg>");
+        page.picture("<svg viewBox=\"0 0 840 370\"></svg>");
+        page.note("5 um off");
+        let text = page.finish();
+        assert!(text.contains("<div class=\"scroll\"><table class=\"keep\">"), "{text}");
+        assert_eq!(text.matches("<figure class=\"tall\">").count(), 1, "{text}");
+        assert!(text.contains("<figure><svg") && text.contains("5 µm off"), "{text}");
     }
 
     #[test]
