@@ -84,7 +84,7 @@ fn status_has_the_promised_keys_and_true_values() {
     );
     // the human form names state, axis and figures
     let human = text(&daemon.volcomp(&["status"]).stdout);
-    for word in ["test-mill: active", "-10.000 um", "round trip", "faults      none"] {
+    for word in ["test-mill: active", "-10.000 µm", "round trip", "faults      none"] {
         assert!(human.contains(word), "no `{word}` in:\n{human}");
     }
 }
@@ -204,7 +204,7 @@ fn an_axis_that_is_not_listed_keeps_its_offset_and_that_is_told() {
     assert!(told, "{seen}");
     let shown = text(&daemon.volcomp(&["status"]).stdout);
     assert!(
-        shown.lines().any(|l| l.contains("+50.000 um") && l.contains("NOT IN THE MACHINE FILE")),
+        shown.lines().any(|l| l.contains("+50.000 µm") && l.contains("NOT IN THE MACHINE FILE")),
         "{shown}"
     );
     daemon.signal(Signal::TERM);
