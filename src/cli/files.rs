@@ -117,6 +117,15 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_whole(Output::create(path)?, path, text)
 }
 
+/// Writes the continuation of the file `before`, which it may replace.
+pub(super) fn continue_text(before: Option<&Path>, path: &Path, text: &str) -> Result<(), Failure> {
+    if before == Some(path) {
+        write_whole(Output::replace(path)?, path, text)
+    } else {
+        write_text(path, text)
+    }
+}
+
 /// Writes a model file; refuses to replace a file that is none.
 pub(super) fn write_model(path: &Path, text: &str) -> Result<(), Failure> {
     super::targets::check_model(path)?;

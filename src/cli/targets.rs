@@ -26,8 +26,9 @@ const WRITES: &[&str] = &[
     "write-signs",
     "write-calibration",
 ];
-/// The option whose file may be replaced: it is a model, and a model is written.
-const REPLACEABLE: &str = "into";
+/// Options that may write the file which another one reads: it is taken up and continued.
+const CONTINUES: &[(&str, &str)] =
+    &[("out", "into"), ("write-signs", "signs"), ("write-calibration", "calibration")];
 
 /// Bytes of an existing file in which a model states its format.
 const HEAD: u64 = 1 << 16;
@@ -92,11 +93,14 @@ pub(super) fn conflict(command: &Command, matches: &ArgMatches) -> Option<String
     for (i, (output, target)) in named().enumerate().filter(|(_, (a, _))| writes(a)) {
         for (j, (other, path)) in named().enumerate() {
             let is_same = target == path || file_of(target).is_some_and(|f| file_of(path) == Some(f));
-            let may_be = j == i || other.get_long() == Some(REPLACEABLE) || target.as_os_str() == "-";
+            let longs = (output.get_long().unwrap_or_default(), other.get_long().unwrap_or_default());
+            let may_be = j == i || CONTINUES.contains(&longs) || target.as_os_str() == "-";
             if is_same && !may_be {
-                let output = output.get_long().unwrap_or_default();
                 let target = target.display();
-                return Some(format!("--{output} {target}: is the file of {other}; write to another file"));
+                return Some(format!(
+                    "--{} {target}: is the file of {other}; write to another file",
+                    longs.0
+                ));
             }
         }
     }
@@ -118,6 +122,32 @@ mod tests {
         longs(&crate::command(), &mut all);
         for name in WRITES {
             assert!(all.contains(*name), "--{name}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_continued_may_be_its_own_successor() {
+        let said = |line: &str| {
+            let mut command = crate::command();
+            let matches = command.try_get_matches_from_mut(line.split(' ')).unwrap();
+            conflict(&command, &matches)
+        };
+        for (line, named) in [
+            ("volcomp fit --errors a.csv --axis x --into m.toml --out m.toml", None),
+            ("volcomp fit --errors a.csv --axis x --out - --json -", None),
+            ("volcomp fit --errors a.csv --axis x --out a.csv", Some("--errors")),
+            (
+                "volcomp identify straightness --axis x --tilt-test t.csv --signs s.toml --write-signs s.toml",
+                None,
+            ),
+            (
+                "volcomp identify straightness --axis x --tilt-test t.csv --signs s.toml --write-signs t.csv",
+                Some("--tilt-test"),
+            ),
+        ] {
+            let said = said(line);
+            assert_eq!(said.is_some(), named.is_some(), "{line}: {said:?}");
+            assert!(said.is_none_or(|s| s.contains(named.unwrap_or(""))), "{line}");
         }
     }
 

@@ -13,7 +13,7 @@ use super::case::{CaseArgs, CaseFile};
 use super::columns::{self, Column, Columns, RunColumns};
 use super::method::{Found, Front, Method, printed};
 use crate::arg_parsers::{linear_axis, point};
-use crate::files::write_text;
+use crate::files::continue_text;
 use crate::numerals::hull;
 use crate::units::{Units, column, key};
 use crate::{EX_CONFIG, Failure, Result};
@@ -227,7 +227,7 @@ fn confirm(args: &Args, axis: AxisName, file: &mut SignFile, found: &[Option<Til
         );
     }
     if let Some(path) = &args.write_signs {
-        write_text(path, &file.text())?;
+        continue_text(args.signs.as_deref(), path, &file.text())?;
         note!("sign table written: {}", path.display());
     }
     Ok(())
