@@ -49,6 +49,14 @@ pub(crate) fn read_addition(path: &Path) -> Result<Addition, Failure> {
             "JSON, not {format} (TOML); a diagnosis writes addition.toml beside its report.json"
         ));
     }
+    let format = volcomp_config::text_at(&text, &["format"]);
+    if let Some(other) = format.filter(|f| f != volcomp_effects::addition::FORMAT) {
+        return Err(mistake!(
+            path,
+            "{other} file, not an addition ({}); a diagnosis writes addition.toml into its --out folder",
+            volcomp_effects::addition::FORMAT
+        ));
+    }
     Addition::parse(&text).map_err(|e| mistake!(path, "{e}"))
 }
 

@@ -64,12 +64,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     say!("frame in to frame out, {} axes, {} live values", benchmark.axes, benchmark.sensors);
     let [p50, p90, p99, p999] = [0.5, 0.9, 0.99, 0.999].map(us);
-    say!(
+    say_text!(
         "compute     p50 {p50:.2} us, p90 {p90:.2} us, p99 {p99:.2} us, p99.9 {p999:.2} us, max {max_us:.2} us"
     );
-    say!("calm        p99 {calm_us:.2} us in the calmest tenth of the blocks of 1000 cycles");
+    say_text!("calm        p99 {calm_us:.2} us in the calmest tenth of the blocks of 1000 cycles");
     let [p50, p99] = [0.5, 0.99].map(behind_us);
-    say!("behind      p50 {p50:.2} us, p99 {p99:.2} us: live values and the record, after the answer");
-    say!("cycles      {}, the clock's own {clock_us:.3} us taken off each", benchmark.compute_ns.len());
+    say_text!("behind      p50 {p50:.2} us, p99 {p99:.2} us: live values and the record, after the answer");
+    say_text!("cycles      {}, the clock's own {clock_us:.3} us taken off each", benchmark.compute_ns.len());
     Ok(())
 }

@@ -150,7 +150,7 @@ fn print(args: &Args, model: &Model, corrected: &Corrected) {
         say!("largest correction of {axis:<2}{value:>10.2} {unit}");
     }
     for (direction, rest) in ["X", "Y", "Z"].into_iter().zip(corrected.rest.iter()) {
-        say!("largest rest along {direction:<4}{:>10.2} um (workpiece coordinates)", um_from_mm(*rest));
+        say_text!("largest rest along {direction:<4}{:>10.2} um (workpiece coordinates)", um_from_mm(*rest));
     }
     if *rest_line > 0 {
         say!("largest rest in line {rest_line} of {}", args.gcode.display());

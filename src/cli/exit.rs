@@ -12,6 +12,8 @@ use std::process::ExitCode;
 use clap::Parser;
 use volcomp_config::ConfigErrors;
 
+use super::numerals::micro;
+
 /// Wrong usage.
 pub const EX_USAGE: u8 = 64;
 /// Bad data.
@@ -63,8 +65,33 @@ impl Failure {
             // `| head`: the work ends quietly
             return Self::new(0, "");
         }
-        Self::new(EX_IOERR, format_args!("error: {}: {error}", path.display()))
+        Self::new(EX_IOERR, format_args!("error: {}: {}", path.display(), io_text(path, error)))
     }
+}
+
+/// What is wrong with a file, with the remedy.
+fn io_text(path: &Path, error: &std::io::Error) -> String {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match (error.kind(), folder) {
+        (ErrorKind::NotFound, Some(folder)) if !folder.exists() => {
+            format!("folder {} does not exist; create it or correct the path", folder.display())
+        }
+        (ErrorKind::NotFound, _) => "no such file; check its name and the current folder".to_owned(),
+        (ErrorKind::PermissionDenied, _) => {
+            "permission denied; change the permissions or the user".to_owned()
+        }
+        (ErrorKind::IsADirectory, _) => "is a folder; name a file".to_owned(),
+        (ErrorKind::NotADirectory, Some(folder)) => {
+            format!("{} is not a folder; correct the path", folder.display())
+        }
+        _ => plain(error),
+    }
+}
+
+/// The text of an error without the number of the operating system.
+fn plain(error: &std::io::Error) -> String {
+    let text = error.to_string();
+    text.find(" (os error ").map_or_else(|| text.clone(), |at| text[..at].to_owned())
 }
 
 impl From<ConfigErrors> for Failure {
@@ -112,9 +139,9 @@ pub fn line(text: fmt::Arguments<'_>) {
     }
 }
 
-/// Writes a line to stderr. A reader that has seen enough, or a full disk, is no failure: the exit code still tells.
+/// Writes a line to stderr, units as a person writes them. A reader that has seen enough, or a full disk, is no failure: the exit code still tells.
 pub fn note(text: fmt::Arguments<'_>) {
-    note_text(format_args!("{text}\n"));
+    note_text(format_args!("{}\n", micro(&text.to_string())));
 }
 
 /// Writes text to stderr without an end of line; see [`note!`].

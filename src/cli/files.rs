@@ -42,8 +42,14 @@ pub(super) enum Output {
 }
 
 impl Output {
-    /// Opens the output.
+    /// Opens the output; refuses a file that the command has read.
     pub(super) fn create(path: &Path) -> Result<Self, Failure> {
+        super::targets::check(path)?;
+        Self::replace(path)
+    }
+
+    /// The same for a file that the command may replace with its successor.
+    fn replace(path: &Path) -> Result<Self, Failure> {
         if path.as_os_str() == "-" {
             return Ok(Self::Through(Box::new(io::stdout().lock()), PathBuf::from("<stdout>")));
         }
@@ -106,9 +112,27 @@ impl Drop for Output {
     }
 }
 
-/// Writes a whole file.
+/// Writes a whole file; refuses one that the command has read.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
-    let mut output = Output::create(path)?;
+    write_whole(Output::create(path)?, path, text)
+}
+
+/// Writes the continuation of the file `before`, which it may replace.
+pub(super) fn continue_text(before: Option<&Path>, path: &Path, text: &str) -> Result<(), Failure> {
+    if before == Some(path) {
+        write_whole(Output::replace(path)?, path, text)
+    } else {
+        write_text(path, text)
+    }
+}
+
+/// Writes a model file; refuses to replace a file that is none.
+pub(super) fn write_model(path: &Path, text: &str) -> Result<(), Failure> {
+    super::targets::check_model(path)?;
+    write_whole(Output::replace(path)?, path, text)
+}
+
+fn write_whole(mut output: Output, path: &Path, text: &str) -> Result<(), Failure> {
     output.write_all(text.as_bytes()).map_err(|e| Failure::io(path, &e))?;
     output.finish()
 }

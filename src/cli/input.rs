@@ -218,6 +218,7 @@ pub fn open(path: &Path, kind: InputKind) -> Result<Input, Failure> {
     // without O_NONBLOCK the opening of a FIFO waits for its writer for ever
     let flags = i32::try_from(OFlags::NONBLOCK.bits()).unwrap_or_default();
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(io)?;
+    super::targets::record_input(path);
     let metadata = file.metadata().map_err(io)?;
     if metadata.is_dir() {
         return Err(failure!(EX_IOERR, "{}: is a directory; expected {}", path.display(), kind.name()));

@@ -9,6 +9,11 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::line(format_args!($($text)*)) };
 }
 
+/// Like [`say!`] for text, not data: units as a person writes them.
+macro_rules! say_text {
+    ($($text:tt)*) => { $crate::line(format_args!("{}", $crate::numerals::micro(&format!($($text)*)))) };
+}
+
 /// Like `eprintln!`, but never panics: see [`exit::note`].
 macro_rules! note {
     ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };
@@ -93,6 +98,7 @@ mod schema;
 mod start_up;
 mod status;
 mod table;
+mod targets;
 mod units;
 mod verify;
 
@@ -102,6 +108,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 
 pub use ranges::parse;
+pub use volcomp_config::{suggestion, with_nearest};
 
 pub use exit::{
     EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, not_parsed, note, note_text,

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::files::{read_model_file, write_text};
+use super::files::{read_model_file, write_model};
 use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure, targets};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
 use volcomp_model::geometry::Vec3;
@@ -37,6 +37,12 @@ impl ModelWriter {
     /// True where the model goes to stdout, which then belongs to it.
     pub(super) fn takes_stdout(&self) -> bool {
         self.target().is_some_and(|p| p.as_os_str() == "-")
+    }
+
+    /// Reads --into and looks at the target before any work is done.
+    pub(super) fn check(&self) -> Result<Option<ModelFile>, Failure> {
+        self.target().map_or(Ok(()), targets::check_model)?;
+        self.into.as_ref().map(|path| read_model_file(path)).transpose()
     }
 
     /// The model before anything was found: that of --into with its provenance, or an empty one with the chain of
@@ -97,7 +103,7 @@ impl ModelWriter {
             return Err(usage!("neither --out nor --into is given"));
         };
         warn_of_axis_points(before, &model.spec, out);
-        write_text(out, &config::model::write_file(model, comment))?;
+        write_model(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());
         Ok(())
     }

@@ -44,13 +44,27 @@ pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
     values.into_iter().fold(ends, |(l, h), v| (l.min(v), h.max(v))).into()
 }
 
-/// Words for a person: `µm` where a key says `um`.
+/// Words for a person: `µm` and `µs` where a key says `um` and `us`; lines that quote a file stay as they are.
 pub(crate) fn micro(words: &str) -> String {
+    words
+        .split_inclusive('\n')
+        .map(|line| if line.contains(" | ") { line.to_owned() } else { micro_line(line) })
+        .collect()
+}
+
+fn micro_line(line: &str) -> String {
+    let mut is_after_number = false;
     let word = |w: &str| {
-        let bare = w.trim_end_matches([',', ';', ')', '.', ':']);
-        if bare == "um" || bare.starts_with("um/") { w.replacen("um", "µm", 1) } else { w.to_owned() }
+        let bare =
+            w.trim_start_matches(['(', '[']).trim_end_matches([',', ';', ')', ']', '.', ':', '?', '\n']);
+        // `us` alone is a word of English
+        let is_unit = bare == "um"
+            || ["um/", "um^"].iter().any(|s| bare.starts_with(s))
+            || bare == "us" && is_after_number;
+        is_after_number = bare.ends_with(|c: char| c.is_ascii_digit());
+        if is_unit { w.replacen('u', "µ", 1) } else { w.to_owned() }
     };
-    words.split(' ').map(word).collect::<Vec<_>>().join(" ")
+    line.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -71,6 +85,10 @@ mod tests {
         assert_eq!([signed(-0.004, 0), signed(0.4, 0), signed(12.0, 0)], ["0", "0", "+12"]);
         assert_eq!(micro("1000 um/s, 2 um/s^2"), "1000 µm/s, 2 µm/s^2");
         assert_eq!([micro("um"), micro("3 um, at 1  Y"), micro("a sum")], ["µm", "3 µm, at 1  Y", "a sum"]);
+        assert_eq!(
+            micro("is read in um:\n  (um) 5 us, tell us\n3 | # um"),
+            "is read in µm:\n  (µm) 5 µs, tell us\n3 | # um"
+        );
         assert_eq!([counted(1, "reading"), counted(0, "reading")], ["1 reading", "0 readings"]);
     }
 }

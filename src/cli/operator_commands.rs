@@ -145,7 +145,7 @@ fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
         if let Some(change) = &answer.change {
             let figure =
                 |value: Option<f64>, unit| value.map_or_else(|| "?".to_owned(), |v| format!("{v:.2} {unit}"));
-            say!(
+            say_text!(
                 "largest change in the working volume: {}, {}",
                 figure(change.largest_um, "um"),
                 figure(change.largest_arcsec, "arcsec")
@@ -156,10 +156,21 @@ fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
     for note in &answer.notes {
         note!("note: {note}");
     }
-    if answer.state.as_deref() == Some("faulted") {
-        note!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
+    if let Some(words) = consequence(ask.command, answer.state.as_deref()) {
+        note!("{words}");
     }
     Ok(())
+}
+
+/// What a state means for a request that was accepted.
+fn consequence(command: Verb, state: Option<&str>) -> Option<&'static str> {
+    match (command, state?) {
+        (_, "faulted") => Some("hint: `volcomp status` names the fault; --clear-fault acknowledges it"),
+        (Verb::Enable | Verb::Gain, "disconnected") => Some(
+            "note: the link to the control is down; the request is stored and takes effect with the link",
+        ),
+        _ => None,
+    }
 }
 
 /// What an answer holds beside `ok`.
@@ -185,4 +196,18 @@ fn refusal(error: &ClientError) -> Failure {
 fn share(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("{text} is no number"))?;
     if (0.0..=1.0).contains(&value) { Ok(value) } else { Err(format!("{value} is not from 0 to 1")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_without_link_is_said_to_be_stored() {
+        let said = consequence(Verb::Enable, Some("disconnected")).unwrap();
+        assert!(said.contains("stored and takes effect with the link"));
+        assert_eq!(consequence(Verb::Disable, Some("disconnected")), None);
+        assert!(consequence(Verb::Disable, Some("faulted")).is_some());
+        assert_eq!(consequence(Verb::Enable, Some("armed")), None);
+    }
 }

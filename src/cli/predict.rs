@@ -16,7 +16,8 @@ use super::quantities::{offset_as_is, offset_unit, position_unit};
 use super::table::{self, Table, nearest, other_unit};
 use super::{EX_DATAERR, Failure};
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, Pose};
+use volcomp_model::search::Volume;
+use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, ModelSpec, Pose};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
 
@@ -60,15 +61,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (Some(points), Some(out)) = (&args.points, &args.out) else {
         return Err(Failure::usage("give --points and --out, or --circle"));
     };
-    let same = points == out && out.as_os_str() != "-";
-    let resolved = || Some(points.canonicalize().ok()? == out.canonicalize().ok()?);
-    if same || resolved().unwrap_or(false) {
-        return Err(usage!("--out {}: is the file of points; name another", out.display()));
-    }
     let (spec, model, hash) = read_hashed_model(&args.model)?;
     let live = readings::live_values(&args.model, &model, &args.reading)?;
     let mut table = table::open_stream(points)?;
     let columns = Columns::find(&table, &model)?;
+    columns.note_directions(&spec);
     let mut additions = Additions::read(&args.add, (&spec, &model, &hash), &table)?;
     columns.check_length(&table, &model, additions.as_ref())?;
     let mut rows = Rows::create(out)?;
@@ -163,6 +160,18 @@ impl Columns {
             ));
         }
         Ok(found)
+    }
+
+    /// Says which axes have errors that depend on the direction of travel, and no column for it.
+    fn note_directions(&self, spec: &ModelSpec) {
+        let directed = Volume::of(spec).directed().to_vec();
+        for k in directed.into_iter().filter(|k| self.directions.iter().all(|(_, known)| known != k)) {
+            let name = self.names[k];
+            note!(
+                "note: no column dir_{}: errors of axis {name} that depend on its direction are those of travel towards plus",
+                name.lower()
+            );
+        }
     }
 
     /// Refuses tool lengths that neither the model nor an addition can use.

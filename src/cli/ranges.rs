@@ -1,10 +1,14 @@
 //! Ranges of numeric arguments, one table for every program: the unit or the quantity in the name of an argument gives
 //! its range, so that a new argument has one, too.
 
+use core::error::Error;
+use core::num::ParseIntError;
+
 use clap::builder::ValueParser;
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ErrorKind};
 use clap::{Arg, ArgMatches, Command, Parser};
 
+use super::numerals::figure;
 use volcomp_model::ErrorSymbol;
 use volcomp_model::geometry::Vec3;
 use volcomp_units::axes::AxisName;
@@ -159,23 +163,46 @@ fn outside<'c>(command: &'c Command, matches: &ArgMatches) -> Option<(&'c Arg, f
     outside(command.find_subcommand(name)?, matches)
 }
 
-/// Parses a command line and checks every number in it.
+/// Lets every option take a negative number, so that its range answers and not the parser of options.
+fn with_negative_numbers(command: Command) -> Command {
+    let allow = |a: Arg| if a.get_action().takes_values() { a.allow_negative_numbers(true) } else { a };
+    command.mut_args(allow).mut_subcommands(with_negative_numbers)
+}
+
+/// A count that is no whole number, with what is expected.
+fn as_whole_number(command: &mut Command, error: clap::Error) -> clap::Error {
+    let is_count = error.source().is_some_and(<dyn Error>::is::<ParseIntError>);
+    match (error.get(ContextKind::InvalidArg), error.get(ContextKind::InvalidValue)) {
+        (Some(argument), Some(value)) if is_count => {
+            let what = format!("invalid value '{value}' for '{argument}': expected a whole number from 0 up");
+            command.error(ErrorKind::ValueValidation, what)
+        }
+        _ => error,
+    }
+}
+
+/// Parses a command line, checks every number in it, and refuses to write over a file that it reads.
 ///
 /// # Errors
-/// A wrong command line, or a number outside its range.
+/// A wrong command line, a number outside its range, or an output that is an input.
 pub fn parse<A: Parser>(args: impl IntoIterator<Item = std::ffi::OsString>) -> Result<A, clap::Error> {
     parse_with(A::command(), args)
 }
 
 /// [`parse`] with the command tree of `A` as the caller has dressed it.
 pub(crate) fn parse_with<A: Parser>(
-    mut command: Command,
+    command: Command,
     args: impl IntoIterator<Item = std::ffi::OsString>,
 ) -> Result<A, clap::Error> {
-    let mut matches = command.try_get_matches_from_mut(args)?;
+    let mut command = with_negative_numbers(command);
+    let parsed = command.try_get_matches_from_mut(args);
+    let mut matches = parsed.map_err(|e| as_whole_number(&mut command, e))?;
     if let Some((argument, value, [low, high])) = outside(&command, &matches) {
-        let what = format!("invalid value '{value:?}' for '{argument}': expected {low} to {high}");
+        let what = format!("invalid value '{}' for '{argument}': expected {low} to {high}", figure(value));
         return Err(command.error(ErrorKind::ValueValidation, what));
+    }
+    if let Some(what) = super::targets::conflict(&command, &matches) {
+        return Err(command.error(ErrorKind::ArgumentConflict, what));
     }
     A::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut command))
 }

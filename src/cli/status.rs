@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::input::{self, InputKind};
-use super::numerals::{counted, plain};
+use super::numerals::{counted, micro, plain};
 use super::{EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config::MachineConfig;
 use volcomp_daemon::client::{self, ClientError};
@@ -230,7 +230,7 @@ fn render(status: &Status, paint: Paint) -> String {
     let _ = super::filter::write_growths(&mut text, &status.growths);
     let _ = recent::write_warnings(&mut text, status, paint);
     let _ = write_tail(&mut text, status, paint);
-    text
+    micro(&text)
 }
 
 fn write_head(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result {

@@ -1,5 +1,8 @@
 //! Units in which errors are printed and stand in keys and columns: um and arcsec, over mm or deg.
 
+use crate::Failure;
+use crate::numerals::plain;
+use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, angle_unit_hint, length_unit_hint};
 use volcomp_model::{Component, ErrorSymbol};
 use volcomp_units::axes::AxisKind;
 use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
@@ -56,6 +59,33 @@ impl Units {
     pub(crate) fn positions(&self, list: &[f64]) -> Vec<f64> {
         list.iter().copied().map(self.of_position).collect()
     }
+}
+
+/// Lengths that no machine tool keeps below, um; a column in mm that is named um looks so.
+const SMALLEST_UM: f64 = 0.1;
+
+/// Refuses deviations larger than any machine's and notes lengths smaller than any: both are in another unit than `column`
+/// says. `largest` is their largest absolute value, um or arcsec.
+pub(crate) fn check_size(file: &str, column: &str, largest: f64, is_angle: bool) -> Result<(), Failure> {
+    let (limit, unit, hint): (_, _, fn(f64) -> &'static str) = if is_angle {
+        (arcsec_from_rad(ANGLE_LIMIT), "arcsec", angle_unit_hint)
+    } else {
+        (um_from_mm(LENGTH_LIMIT), "um", length_unit_hint)
+    };
+    if largest > limit {
+        let (size, limit) = (plain(largest, 0), plain(limit, 0));
+        return Err(data!(
+            file,
+            "{column} reaches {size} {unit}; the limit is {limit} {unit}: {}",
+            hint(largest)
+        ));
+    }
+    if !is_angle && largest > 0.0 && largest < SMALLEST_UM {
+        note!(
+            "note: {file}: no deviation exceeds {SMALLEST_UM} um (largest {largest:.4} um): is {column} in um?"
+        );
+    }
+    Ok(())
 }
 
 /// The key of an error: `exx`.

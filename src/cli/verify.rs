@@ -10,8 +10,9 @@ use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, HeadArgs, Stated};
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
-use crate::evaluate::{CompareOptions, Compared, compare};
+use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};
 use crate::files::write_text;
+use crate::input::{self, InputKind};
 use crate::numerals::plain;
 use crate::report::Table;
 use crate::report_page::{Plot, Style};
@@ -83,6 +84,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let files = [args.before.as_path(), args.after.as_path()];
     if args.json && args.report.as_ref().is_some_and(|p| p.as_os_str() == "-") {
         return Err(usage!("--json and the report cannot both go to stdout"));
+    }
+    let [before, after] = files.map(|path| input::hash(path, InputKind::Stream));
+    if before.is_some() && before == after {
+        return Err(data!(
+            args.after,
+            "holds the same data as {}; name the test after compensation",
+            files[0].display()
+        ));
     }
     let options = CompareOptions {
         plane: args.plane,
@@ -164,11 +173,11 @@ impl Verified {
         let key = if self.test.unit == "arcsec" { "arcsec" } else { "um" };
         let figures = self.test.figures.iter();
         let figures: Map<_, _> = figures
-            .zip(self.test.expanded.iter().zip(self.uncertain()))
-            .map(|([b, a], (u95, two))| {
+            .zip(self.uncertain())
+            .map(|([b, a], two)| {
                 let significant = two[0].zip(two[1]).and_then(|(b, a)| is_significant(b, a));
                 let entry = json!({
-                    "before": b.value, "before_u95": u95[0], "after": a.value, "after_u95": u95[1],
+                    "before": b.value, "before_u95": b.compared, "after": a.value, "after_u95": a.compared,
                     "significant": significant,
                 });
                 (a.key.clone(), entry)
@@ -214,10 +223,7 @@ impl Verified {
 
     /// Each figure of the standard before and after, with its uncertainty.
     fn uncertain(&self) -> impl Iterator<Item = [Option<Uncertain>; 2]> {
-        self.test.figures.iter().zip(&self.test.expanded).map(|(two, expanded)| {
-            let of = |k: usize| Some(Uncertain { value: two[k].value?, std: expanded[k].map(|u| u / 2.0) });
-            [of(0), of(1)]
-        })
+        self.test.figures.iter().map(|two| two.each_ref().map(Assessed::uncertain))
     }
 
     /// What the two measurements make doubtful.
@@ -257,7 +263,7 @@ impl Verified {
             .rows(self.sizes().into_iter().map(|row| [row, nothing.clone()].concat()))
             .rows(self.judged_figures())
             .print();
-        let figures = self.test.expanded.iter().flatten().any(Option::is_some);
+        let figures = self.test.figures.iter().flatten().any(|f| f.compared.is_some());
         if figures || self.sizes.iter().any(|s| s.range.std.is_some()) {
             say!("± expanded uncertainty, k = 2: {}", self.what_limits());
         }
@@ -284,7 +290,8 @@ impl Verified {
         let origins = [Origin::of("before", &args.before), Origin::of("after", &args.after)];
         let mut page = page::start(title, self.test.standard, &self.judged, &origins, &[]);
         if let Some(range) = self.reductions[0] {
-            page.lead(format_args!("Range of the mean deviations reduced by {}.", percent(Some(range))));
+            let changed = if range.fraction < 0.0 { "increased" } else { "reduced" };
+            page.lead(format_args!("Range of the mean deviations {changed} by {}.", share(range)));
         }
         page.heading("Reduction");
         let heads = ["".into(), format!(">before / {unit}"), format!(">after / {unit}"), ">reduction".into()];
@@ -317,20 +324,10 @@ impl Verified {
 /// A range that grows by more than so many times the expanded uncertainty of the change is far worse.
 const FAR: f64 = 2.0;
 
-/// Expanded uncertainty (k = 2) of the change of a figure.
-fn expanded_change(before: Uncertain, after: Uncertain) -> Option<f64> {
-    Some(2.0 * before.std?.hypot(after.std?))
-}
-
-/// Whether a figure changed by more than the uncertainty; none where that is not known.
-fn is_significant(before: Uncertain, after: Uncertain) -> Option<bool> {
-    expanded_change(before, after).map(|u| (after.value - before.value).abs() > u)
-}
-
 /// Reduction in percent, or that the change is within its uncertainty.
 fn change(before: Uncertain, after: Uncertain, reduction: Option<Reduction>) -> String {
     if is_significant(before, after) == Some(false) {
-        return "not significant".to_owned();
+        return NOT_SIGNIFICANT.to_owned();
     }
     percent(reduction)
 }
@@ -342,14 +339,17 @@ fn with_limits(u: Uncertain) -> String {
     }
 }
 
+/// A reduction as a cell of a table; an increase is named.
 fn percent(reduction: Option<Reduction>) -> String {
-    match reduction {
-        Some(Reduction { fraction, std: Some(std) }) => {
-            format!("{} ± {:.1} %", plain(100.0 * fraction, 1), 200.0 * std)
-        }
-        Some(Reduction { fraction, std: None }) => format!("{} %", plain(100.0 * fraction, 1)),
-        None => "-".to_owned(),
-    }
+    let Some(reduction) = reduction else { return "-".to_owned() };
+    let increased = if reduction.fraction < 0.0 { "increased by " } else { "" };
+    increased.to_owned() + &share(reduction)
+}
+
+/// The size of a reduction or increase in percent.
+fn share(Reduction { fraction, std }: Reduction) -> String {
+    let limits = std.map_or_else(String::new, |std| format!(" ± {:.1}", 200.0 * std));
+    format!("{}{limits} %", plain(100.0 * fraction.abs(), 1))
 }
 
 /// One error motion over its positions: key, unit, and position, direction, value of each reading.
@@ -393,7 +393,6 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
         stated: Stated::default(),
         unit: "µm",
         figures: Vec::new(),
-        expanded: Vec::new(),
         about: [", about the end-point line"; 2],
         plots: Vec::new(),
         is_repeated: true,

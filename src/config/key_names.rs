@@ -56,8 +56,23 @@ pub(super) fn in_words(unit: &str) -> &str {
     UNITS.iter().find(|(u, _)| *u == unit).map_or(unit, |(_, words)| words)
 }
 
+/// The message of a deserialiser about an unknown field or variant, with the nearest known one.
+#[must_use]
+pub fn with_nearest(message: &str) -> String {
+    let message = message.trim_end();
+    let Some((_, words)) = message.split_once("unknown ") else { return message.to_owned() };
+    let mut quoted = words.split('`').skip(1).step_by(2);
+    let Some(written) = quoted.next() else { return message.to_owned() };
+    let known: Vec<&str> = quoted.collect();
+    match suggestion(written, &known, "") {
+        hint if hint.starts_with("did you mean") => format!("{message}; {hint}"),
+        _ => message.to_owned(),
+    }
+}
+
 /// The nearest known word, or all of them behind `introduction`.
-pub(super) fn suggestion(written: &str, known: &[&str], introduction: &str) -> String {
+#[must_use]
+pub fn suggestion(written: &str, known: &[&str], introduction: &str) -> String {
     let nearest = known.iter().map(|k| (distance(written, k), *k)).min();
     match nearest {
         // a third of the letters may differ
@@ -120,6 +135,15 @@ mod tests {
             suggestion("zzz", &["address", "cycle-ms"], "expected one of: "),
             "expected one of: address, cycle-ms"
         );
+    }
+
+    #[test]
+    fn an_unknown_field_gets_the_nearest_one() {
+        let message = "unknown field `gian`, expected one of `command`, `gain`, `map` at line 1 column 27";
+        assert_eq!(with_nearest(message), format!("{message}; did you mean gain?"));
+        for other in ["unknown field `zzzzzzz`, expected `gain`", "missing field `command`", ""] {
+            assert_eq!(with_nearest(other), other);
+        }
     }
 
     #[test]

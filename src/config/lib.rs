@@ -15,6 +15,8 @@ pub mod model;
 mod reader;
 mod syntax;
 
+pub use key_names::{suggestion, with_nearest};
+
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
     AxisConfig, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget, MachineConfig,

@@ -164,6 +164,9 @@ pub(super) fn document<'t>(file: &str, text: &'t str) -> Result<DeTable<'t>, Con
     if errors.is_empty() {
         return Ok(table.into_inner());
     }
+    if let Some(found) = syntax::data_table(text) {
+        return Err(ConfigErrors::new(file, text, vec![found]));
+    }
     Err(ConfigErrors::new(file, text, errors.iter().take(FOUND_MAX).map(|e| not_toml(text, e)).collect()))
 }
 

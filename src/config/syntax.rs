@@ -1,5 +1,7 @@
 //! Mistakes in the syntax of TOML that people make often, in words that name the remedy.
 
+use super::Diagnostic;
+
 /// Message and remedy for a mistake that the parser has found at byte `at`; `None` where its own words are as good.
 pub(super) fn known_mistake(text: &str, at: usize, message: &str) -> Option<(String, String)> {
     let before = text.get(..at)?;
@@ -10,6 +12,24 @@ pub(super) fn known_mistake(text: &str, at: usize, message: &str) -> Option<(Str
         return twice(&lines[..number], line);
     }
     decimal_comma(line)
+}
+
+/// A table of data in place of a TOML file: one mistake, not one for each of its rows.
+pub(super) fn data_table(text: &str) -> Option<Diagnostic> {
+    let line = text.lines().find(|line| !code_of(line).is_empty())?;
+    let separators = line.matches([',', ';', '\t']).count();
+    if separators == 0 || line.contains(['=', '[', '{']) {
+        return None;
+    }
+    let start = line.as_ptr() as usize - text.as_ptr() as usize;
+    Some(Diagnostic {
+        span: Some(start..start + line.trim_end().len()),
+        message: "not TOML: this is a table of data".to_owned(),
+        remedy: Some(
+            "name a model or machine file, which begins with a line such as format = \"volcomp-model/1\""
+                .to_owned(),
+        ),
+    })
 }
 
 /// A line without its comment; a `#` in quotes ends it as well, which these mistakes do not mind.

@@ -15,14 +15,23 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Patience where it has to compare two models.
 const COMPARISON: Duration = Duration::from_secs(120);
 
+/// Why nobody answers at a socket.
+fn reason(error: &io::Error) -> String {
+    match error.kind() {
+        ErrorKind::NotFound => "no such socket".to_owned(),
+        ErrorKind::ConnectionRefused => "nobody listens at the socket".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
 /// Why the daemon did not answer.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// Nobody listens.
     #[error(
-        "error: {}: volcompd is not running ({source})\n  \
+        "error: {}: volcompd is not running ({})\n  \
          hint: start it (`systemctl start volcompd`), or name its machine file with --config or its socket \
-         with --socket", socket.display()
+         with --socket", socket.display(), reason(source)
     )]
     NotRunning {
         /// The socket.

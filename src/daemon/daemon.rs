@@ -378,7 +378,7 @@ fn log_start(config: &Path, loaded: &Loaded) {
         control = %machine.link.address,
         tls = loaded.identity.is_some(),
         cycle_s = machine.link.cycle_s,
-        start = ?machine.start,
+        start = machine.start.name(),
         "volcompd starts"
     );
     if machine.link.is_exposed() {

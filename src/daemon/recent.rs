@@ -86,6 +86,9 @@ pub struct CodeCount {
 pub struct EventStatus {
     /// First occurrence, RFC 3339 in UTC.
     pub time: String,
+    /// Last occurrence, likewise; empty from a daemon before this key.
+    #[serde(default)]
+    pub last_time: String,
     /// Time since the last occurrence, s.
     pub age_s: f64,
     /// Its number.
@@ -118,6 +121,7 @@ struct Slot {
 struct Listed {
     index: usize,
     time: String,
+    last_time: String,
     last: MonoTime,
     count: u64,
     numbers: Option<String>,
@@ -129,7 +133,7 @@ pub(super) struct Recent {
     /// Oldest first; the last one is being filled.
     slots: VecDeque<Slot>,
     last: [Option<MonoTime>; CATALOGUE.len()],
-    /// Newest last.
+    /// By their last occurrence, newest last.
     events: VecDeque<Listed>,
     seen: [u64; COUNTERS.len()],
     /// Occurrences since the start.
@@ -258,18 +262,17 @@ impl Recent {
         }
         self.totals[index] = self.totals[index].saturating_add(count);
         self.last[index] = Some(now);
-        let repeated =
-            |listed: &&mut Listed| listed.index == index && now.seconds_since(listed.last) < WINDOW_S;
-        if let Some(listed) = self.events.iter_mut().rev().find(repeated) {
-            listed.last = now;
-            listed.count = listed.count.saturating_add(count);
-            return;
-        }
+        let last_time = utc::text(SystemTime::now());
+        let repeated = |listed: &Listed| listed.index == index && now.seconds_since(listed.last) < WINDOW_S;
+        let before = self.events.iter().rposition(repeated).and_then(|at| self.events.remove(at));
+        let listed = match before {
+            Some(old) => Listed { last_time, last: now, count: old.count.saturating_add(count), ..old },
+            None => Listed { index, time: last_time.clone(), last_time, last: now, count, numbers },
+        };
         if self.events.len() == EVENTS {
             self.events.pop_front();
         }
-        let time = utc::text(SystemTime::now());
-        self.events.push_back(Listed { index, time, last: now, count, numbers });
+        self.events.push_back(listed);
     }
 
     /// Occurrences since the start, in the order of the catalogue.
@@ -326,12 +329,13 @@ impl Recent {
         [50.0, 99.0].map(|p| (!all.is_empty()).then(|| all.value_at_percentile(p) as f64 / NS_PER_US))
     }
 
-    /// The last events, newest first.
+    /// The last events, the latest occurrence first.
     pub(super) fn events(&self, now: MonoTime) -> Vec<EventStatus> {
         let status = |listed: &Listed| {
             let entry = &CATALOGUE[listed.index];
             EventStatus {
                 time: listed.time.clone(),
+                last_time: listed.last_time.clone(),
                 age_s: now.seconds_since(listed.last),
                 code: entry.code.to_string(),
                 name: entry.name.to_owned(),
@@ -367,6 +371,11 @@ mod tests {
         let events = recent.events(at(66.0));
         assert_eq!(events.len(), 2, "{events:?}");
         assert_eq!((events[1].count, events[1].numbers.as_deref()), (3, Some("why")));
+        // one that comes again is the newest, with the time of the first and of the last
+        recent.count(at(60.0), Code::LINK_LOST, 1, None);
+        let events = recent.events(at(66.0));
+        assert_eq!((events[0].code.as_str(), events[0].count, events[0].age_s), ("VC-6002", 4, 6.0));
+        assert!(events[0].time <= events[0].last_time && events.len() == 2);
     }
 
     #[test]

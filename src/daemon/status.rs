@@ -149,7 +149,7 @@ pub struct Status {
     /// The last minute.
     #[serde(default)]
     pub recent: RecentStatus,
-    /// The last events by number, newest first.
+    /// The last events by number, the latest occurrence first.
     #[serde(default)]
     pub events: Vec<EventStatus>,
     /// Predicted error of the tool tip without and with compensation; `null` without a position.

@@ -482,7 +482,7 @@ fn in_words(axis: Option<AxisName>, detail: &Detail) -> String {
     format!("{place}{}{bound}", words(value, limit))
 }
 
-/// A number with its unit: four decimals, or as many as tell it from another; an exponent where it would be long.
+/// A number with its unit: four significant digits, or as many as tell it from another; an exponent where it would be long.
 fn words_apart(value: f64, other: f64, unit: &str) -> String {
     if value.abs() >= LONG {
         return format!("{value:.4e} {unit}");
@@ -491,8 +491,11 @@ fn words_apart(value: f64, other: f64, unit: &str) -> String {
     let same = |decimals: &usize| {
         value != other && text(*decimals) == format!("{other:.decimals$}", decimals = *decimals)
     };
-    let decimals = [4, 7, 10].into_iter().find(|d| !same(d)).unwrap_or(10);
-    format!("{} {unit}", text(decimals))
+    let own = (3.0 - value.abs().max(0.1).log10().floor()).clamp(0.0, 4.0) as usize;
+    let decimals = [own, 4, 7, 10].into_iter().find(|d| !same(d)).unwrap_or(10);
+    let digits = text(decimals);
+    let short = if decimals > 0 { digits.trim_end_matches('0').trim_end_matches('.') } else { &digits };
+    format!("{short} {unit}")
 }
 
 /// A number in as few digits as it has.
@@ -529,11 +532,11 @@ mod tests {
         let of = |value, limit| {
             in_words(Some(AxisName::X), &Detail { axis: Some(0), quantity: Quantity::Axis, value, limit })
         };
-        assert_eq!(of(0.0215, 0.02), "x: 21.5000 um, limit 20.0000 um");
-        assert_eq!(of(f64::MAX, 2.0), "x: 1.7977e308 mm, limit 2.0000 mm");
+        assert_eq!(of(0.0215, 0.02), "x: 21.5 um, limit 20 um");
+        assert_eq!(of(f64::MAX, 2.0), "x: 1.7977e308 mm, limit 2 mm");
         assert_eq!(of(-1e9, f64::NAN), "x: -1.0000e9 mm");
-        assert_eq!(of(2.000_000_1, 2.0), "x: 2.0000001 mm, limit 2.0000000 mm");
-        assert_eq!(of(0.25, 0.25), "x: 250.0000 um, limit 250.0000 um");
+        assert_eq!(of(2.000_000_1, 2.0), "x: 2.0000001 mm, limit 2 mm");
+        assert_eq!(of(0.25, 0.25), "x: 250 um, limit 250 um");
         assert_eq!(of(f64::NAN, f64::NAN), "x: NaN mm");
     }
 
@@ -554,10 +557,10 @@ mod tests {
             let detail = Detail { axis: Some(0), quantity: Quantity::Axis, value, limit: f64::NAN };
             collector.numbers(Some(&detail)).unwrap()
         };
-        assert_eq!(of(400.000_02), "x: 400.0000200 mm, travel 0 to 400 mm");
-        assert_eq!(of(-2.0), "x: -2.0000 mm, travel 0 to 400 mm");
+        assert_eq!(of(400.000_02), "x: 400.00002 mm, travel 0 to 400 mm");
+        assert_eq!(of(-2.0), "x: -2 mm, travel 0 to 400 mm");
         assert_eq!(of(1e308), "x: 1.0000e308 mm, travel 0 to 400 mm");
-        assert_eq!(of(5.0), "x: 5.0000 mm");
+        assert_eq!(of(5.0), "x: 5 mm");
         assert_eq!(of(f64::INFINITY), "x: inf mm");
 
         // an event keeps the travel of the model that it happened with, later ones show that of the model in use
@@ -572,8 +575,8 @@ mod tests {
         let mut spec = collector.spec.clone();
         spec.axes.iter_mut().for_each(|axis| axis.travel = Some([0.0, 250.0]));
         collector.model(&spec);
-        assert_eq!(shown(&collector), "x: 401.0000 mm, travel 0 to 400 mm");
+        assert_eq!(shown(&collector), "x: 401 mm, travel 0 to 400 mm");
         collector.event(&beyond(300.0));
-        assert_eq!(shown(&collector), "x: 300.0000 mm, travel 0 to 250 mm");
+        assert_eq!(shown(&collector), "x: 300 mm, travel 0 to 250 mm");
     }
 }

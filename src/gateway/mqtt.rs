@@ -185,8 +185,10 @@ impl Said {
         }
         let key = |time: &str, code: &str| format!("{time} {code}");
         if let Some(last) = &self.newest {
-            // newest first in the status, in the order of time on the wire
-            for event in status.events.iter().rev().filter(|e| key(&e.time, &e.code) > *last) {
+            // in the order of their first occurrence on the wire
+            let mut new: Vec<_> = status.events.iter().filter(|e| key(&e.time, &e.code) > *last).collect();
+            new.sort_by_key(|e| key(&e.time, &e.code));
+            for event in new {
                 out.push(("event", json!(event).to_string(), false));
             }
         }

@@ -103,6 +103,21 @@ impl Law {
         }
     }
 
+    /// Largest absolute value of the signal; `None` where only the motion bounds it.
+    #[must_use]
+    pub fn largest_signal(&self) -> Option<f64> {
+        match *self {
+            Self::Reversal { .. } => Some(0.5),
+            Self::FrictionPeak { rise_s, fall_s } if rise_s == fall_s => Some(0.0),
+            Self::FrictionPeak { rise_s, fall_s } => {
+                let peak_s = rise_s * fall_s / (fall_s - rise_s) * (fall_s / rise_s).ln();
+                Some(((-peak_s / fall_s).exp() - (-peak_s / rise_s).exp()).abs())
+            }
+            Self::Friction { .. } => Some(1.0),
+            Self::Velocity | Self::Acceleration => None,
+        }
+    }
+
     /// True where the signal returns to zero when the axis comes to rest.
     #[must_use]
     pub const fn is_transient(&self) -> bool {
@@ -118,6 +133,13 @@ impl DynamicTerm {
     pub fn value(&self, x: f64, signal: f64) -> f64 {
         let value = self.gain * (1.0 + self.growth * x) * signal;
         if value.is_finite() { value.clamp(-self.limit, self.limit) } else { 0.0 }
+    }
+
+    /// Largest absolute value over a range of coordinates, mm or rad.
+    #[must_use]
+    pub fn bound(&self, range: [f64; 2]) -> f64 {
+        let gain = range.map(|x| (self.gain * (1.0 + self.growth * x)).abs());
+        self.law.largest_signal().map_or(self.limit, |s| (s * gain[0].max(gain[1])).min(self.limit))
     }
 
     /// True where every number can be evaluated.
@@ -179,6 +201,20 @@ mod tests {
         assert!(law.signal(&moving(1.0, 0.0, 0.005)) > 0.6);
         assert!(law.signal(&moving(-1.0, 0.0, 0.5)).abs() < 1e-9);
         assert_eq!(law.signal(&AxisMotion { velocity: 0.0, ..moving(1.0, 0.0, 0.005) }), 0.0);
+    }
+
+    #[test]
+    fn the_law_bounds_a_term_below_its_limit() {
+        let term = |law, gain| DynamicTerm { law, gain, growth: 1e-3, limit: 9e-3 };
+        let reversal = term(Law::Reversal { build_up: 0.1 }, 12e-3);
+        assert!((reversal.bound([0.0, 0.0]) - 6e-3).abs() < 1e-15);
+        assert!((reversal.bound([-200.0, 250.0]) - 7.5e-3).abs() < 1e-15);
+        assert_eq!(reversal.bound([0.0, 1e3]), 9e-3);
+        assert_eq!(term(Law::Velocity, 1e-6).bound([0.0, 1.0]), 9e-3);
+        let law = Law::FrictionPeak { rise_s: 0.002, fall_s: 0.02 };
+        let sampled =
+            (0..10_000).map(|i| law.signal(&moving(1.0, 0.0, f64::from(i) * 1e-5))).fold(0.0, f64::max);
+        assert!((law.largest_signal().unwrap() - sampled).abs() < 1e-6);
     }
 
     proptest! {

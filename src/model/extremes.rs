@@ -88,7 +88,7 @@ pub fn kept_in_place(spec: &ModelSpec) -> Vec<AxisName> {
     axes.filter(|a| !a.spindle && spec.domain(a.name).is_none()).map(|a| a.name).collect()
 }
 
-/// Bounds of an error: curves sampled, extremes of grids and limits of dynamic terms added.
+/// Bounds of an error: curves sampled, extremes of grids and largest values of dynamic terms added.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// The range that its curves were made for; `None` where they hold everywhere.
@@ -122,8 +122,9 @@ impl Bounds {
             high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
         }
         for term in &function.dynamics {
-            low -= term.limit;
-            high += term.limit;
+            let bound = term.bound([start, end]);
+            low -= bound;
+            high += bound;
         }
         Self { range, low, high }
     }

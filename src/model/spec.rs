@@ -402,7 +402,8 @@ fn whole(v: f64) -> String {
 }
 
 /// Names a unit in which the number would be a possible error.
-fn angle_unit_hint(arcsec: f64) -> &'static str {
+#[must_use]
+pub fn angle_unit_hint(arcsec: f64) -> &'static str {
     match arcsec {
         v if v <= 1e4 => "were these values in urad, not in arcsec?",
         v if v <= 1e7 => "were these values in nrad, not in arcsec?",
@@ -411,7 +412,8 @@ fn angle_unit_hint(arcsec: f64) -> &'static str {
 }
 
 /// Names a unit in which the number would be a possible error.
-fn length_unit_hint(um: f64) -> &'static str {
+#[must_use]
+pub fn length_unit_hint(um: f64) -> &'static str {
     match um {
         v if v <= 5e6 => "were these values in nm, not in um?",
         _ => "are these positions instead of deviations?",

@@ -130,7 +130,7 @@ fn contradictions_name_numbers_and_remedies() {
     let message = String::from_utf8(refused.stderr).unwrap();
     assert_eq!(refused.status.code(), Some(65), "{message}");
     assert!(
-        message.contains("EXX: a.toml and bad.toml differ by up to 4.50 um") && message.contains("chi2"),
+        message.contains("EXX: a.toml and bad.toml differ by up to 4.50 µm") && message.contains("chi2"),
         "{message}"
     );
     assert!(!f.join("m.toml").exists(), "nothing is written");

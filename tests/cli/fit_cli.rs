@@ -417,7 +417,7 @@ fn bad_input_is_refused_with_its_place() {
         ("position_mm,exx_um\n0,1e31\n", &[], 65, "m.csv:2:3: exx_um: 1e31 is beyond 1e30"),
         ("position_mm,exx_um\n0,1\n10,two\n", &[], 65, "m.csv:3:4: exx_um: 'two' is not a number"),
         ("position_mm,exx_um\n0,1\n", &[], 65, "EXX: 1 distinct positions"),
-        ("position_mm,exx_um\n0,1\n10,9000000\n", &["--basis", "table"], 65, "the limit is 5000 um"),
+        ("position_mm,exx_um\n0,1\n10,9000000\n", &["--basis", "table"], 65, "the limit is 5000 µm"),
         (
             "position_mm,exx_um\n0,1\n10,2\n20,1\n",
             &["--basis", "chebyshev", "--order", "3"],
@@ -440,7 +440,7 @@ fn bad_input_is_refused_with_its_place() {
         ("position_mm,exx_um\n0,1\n10,2\n", &["--chain", "[w b Y t]"], 65, "axis X"),
         ("position_mm,exx_um\n0,1\n10,2\n", &["--chain", "w b X t"], 64, "--chain"),
         ("position_mm,exx_um\n0,1\n10,2\n", &["--squareness", "exx=3"], 64, "unknown squareness"),
-        ("position_mm,exx_um\n0,1\n10,2\n", &["--order", "many"], 64, "neither a number nor auto"),
+        ("position_mm,exx_um\n0,1\n10,2\n", &["--order", "many"], 64, "neither a number from 0 up nor auto"),
         (
             "position_mm,exx_um\n0,1\n10,2\n",
             &["--cycles", "3"],
@@ -485,4 +485,46 @@ fn the_point_of_a_rotary_axis_is_asked_for() {
         said.contains("m.toml: [axes.c] point-mm = [0, 0, 0] is an assumption: set it to a point on axis C"),
         "{said}"
     );
+}
+
+#[test]
+fn positions_are_checked_before_the_fit() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("x.csv"), motion()).unwrap();
+    std::fs::write(d.join("again.csv"), motion()).unwrap();
+    for position in ["1e5", "1e7", "1e9"] {
+        std::fs::write(d.join("far.csv"), motion() + position + ",1,1,3\r\n").unwrap();
+        let output = volcomp(d, &["fit", "--axis", "x", "--errors", "far.csv", "--out", "m.toml"]);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(65));
+        assert!(stderr.contains("far.csv:81: position 1"), "{stderr}");
+        assert!(stderr.contains("lies far from all others, 0 to 500 mm"), "{stderr}");
+    }
+    let twice = ["fit", "--axis", "x", "--errors", "x.csv", "--errors", "again.csv", "--out", "m.toml"];
+    let output = volcomp(d, &twice);
+    assert_eq!(output.status.code(), Some(65));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("again.csv: all of its 78 readings of EXX stand in x.csv, too"), "{stderr}");
+    // the travel of the command line, then that of the model
+    let fit = ["fit", "--axis", "x", "--errors", "x.csv", "--travel", "x=0:400", "--out", "m.toml"];
+    for args in [&fit[..], &["fit", "--axis", "x", "--errors", "x.csv", "--into", "m.toml"]] {
+        let stderr = String::from_utf8_lossy(&succeed(d, args).stderr).into_owned();
+        assert!(
+            stderr
+                .contains("x.csv:24: position 420 mm is outside the travel of axis X, 0 to 400 mm (15 of 78"),
+            "{stderr}"
+        );
+    }
+}
+
+#[test]
+fn a_curve_that_swings_between_far_positions_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("far.csv"), motion() + "9000,1,1,3\r\n").unwrap();
+    let output = volcomp(d, &["fit", "--axis", "x", "--errors", "far.csv", "--out", "m.toml"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(65), "{stderr}");
+    assert!(stderr.contains("between the positions, the readings"), "{stderr}");
 }

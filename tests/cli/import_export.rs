@@ -272,7 +272,7 @@ fn a_volumetric_table_goes_in_and_comes_out_again() {
         assert!(s.read("m.toml").contains("source-hash = \"blake3:"));
         ok(&["check", &model]);
         let said = ok(&["export", &model, "--format", "isg", "--sense", sense, "--out", &again]);
-        assert!(said.contains("at most 0.000 um from the model"), "{said}");
+        assert!(said.contains("at most 0.000 µm from the model"), "{said}");
         let back = s.path("back.toml");
         let mut args = vec!["import", &again, "--sense", sense, "--out", &back];
         args.extend(chain);
@@ -444,7 +444,19 @@ fn a_million_rows_in_seconds_and_bounded_memory() {
 fn the_file_that_is_read_is_not_written_over() {
     let s = Scratch::new();
     let file = s.write("x.rtl", fs::read(fixture("laser-x.rtl")).unwrap());
-    assert!(fails(64, &["import", &file, "--out", &file]).contains("is the file that is read"));
+    assert!(fails(64, &["import", &file, "--out", &file]).contains("is the file of <FILE>"));
     assert!(fails(64, &["import", &file]).contains("--out is not given"));
     assert!(fails(74, &["import", &s.path("no.rtl"), "--out", &s.path("x.csv")]).contains("no.rtl"));
+}
+
+#[test]
+fn an_exported_recording_is_a_session_without_readings() {
+    let s = Scratch::new();
+    let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/recordings/three-axes.vcrec");
+    ok(&["export", recording, "--format", "csv", "--out", &s.path("r.csv")]);
+    let said = fails(65, &["diagnose", "--data", &s.path("r.csv")]);
+    assert!(
+        said.contains("deviation_um is empty in every row; a recording of the daemon measures no deviation"),
+        "{said}"
+    );
 }

@@ -183,14 +183,14 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("evaluate plate", "active_model", ""),
     ("evaluate gear", "head", ""),
     ("evaluate gear", "active_model", ""),
-    ("verify", "head", "verify --before {positioning} --after {positioning} --head {}"),
+    ("verify", "head", "verify --before {positioning} --after {later} --head {}"),
     ("verify", "active_model", ""),
     ("verify", "before", "verify --before {} --after {positioning}"),
     ("verify", "after", "verify --before {positioning} --after {}"),
     (
         "verify",
         "model",
-        "verify --before {positioning} --after {positioning} --record {out} --date 2026-05-03 --instrument laser --model {}",
+        "verify --before {positioning} --after {later} --record {out} --date 2026-05-03 --instrument laser --model {}",
     ),
     ("diagnose", "model", "diagnose --model {} --data {session} --out {out}"),
     ("diagnose", "add", "diagnose --model {model} --add {} --data {session} --out {out}"),
@@ -279,6 +279,8 @@ impl Stage {
         };
         let row = |c: u32, d: i32, k: u32| format!("{c},{d},{},{}\n", 100 * k, k * c);
         write("positioning", &format!("cycle,direction,target_mm,deviation_um\n{}", cycles(&row)));
+        let later = |c: u32, d: i32, k: u32| format!("{c},{d},{},{c}\n", 100 * k);
+        write("later", &format!("cycle,direction,target_mm,deviation_um\n{}", cycles(&later)));
         let diagonal = |name: &str| cycles(&|c, d, k| format!("{name},{}", row(c, d, k)));
         let all = ["ppp", "npp", "pnp", "ppn"].map(diagonal).concat();
         write("diagonals", &format!("diagonal,cycle,direction,target_mm,deviation_um\n{all}"));
@@ -437,7 +439,7 @@ fn what_is_no_file_is_named() {
     for (file, code, said) in [
         (stage.0.path().to_owned(), 74, "is a directory; expected a model file"),
         (fifo, 74, "nothing was written into this FIFO for 5 s"),
-        (stage.path("none"), 74, "No such file"),
+        (stage.path("none"), 74, "no such file"),
         (stage.path("empty"), 78, "format is missing"),
         (PathBuf::from("/dev/null"), 78, "format is missing"),
     ] {

@@ -21,3 +21,4 @@ mod predict_cli;
 mod reports;
 mod schema;
 mod streams_and_ranges;
+mod targets;

@@ -330,8 +330,14 @@ fn two_measurements_of_different_ranges_are_noted() {
     write(d, "short.csv", &test(100.0));
     let (_, said) = ok(d, &["verify", "--before", "long.csv", "--after", "short.csv"]);
     assert!(said.contains("before covers 0 to 1000 mm, after 0 to 500 mm"), "{said}");
-    let (_, said) = ok(d, &["verify", "--before", "long.csv", "--after", "long.csv"]);
+    write(d, "later.csv", &test(199.0));
+    let (_, said) = ok(d, &["verify", "--before", "long.csv", "--after", "later.csv"]);
     assert!(!said.contains("covers"), "{said}");
+    std::fs::copy(d.join("long.csv"), d.join("copy.csv")).unwrap();
+    let output = volcomp(d, &["verify", "--before", "long.csv", "--after", "copy.csv"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(65));
+    assert!(said.contains("copy.csv: holds the same data as long.csv"), "{said}");
 }
 
 #[test]
@@ -409,4 +415,34 @@ fn points_that_do_not_follow_the_axis_and_a_single_outlier_are_named() {
     assert!(said.contains("(1 of 10 rows fail, worst row 7 at 480 mm, chi2"), "{said}");
     let report: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(report["rigidity"]["worst_row"], 7);
+}
+
+#[test]
+fn a_column_in_another_unit_is_noted_or_refused_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    let test = |scale: f64| {
+        let mut text = "cycle,direction,target_mm,deviation_um\n".to_owned();
+        for (cycle, i) in (1..=5).flat_map(|cycle| (0..6).map(move |i| (cycle, i))) {
+            let value = scale * (f64::from(i) + 0.1 * f64::from((i + cycle) % 3));
+            writeln!(text, "{cycle},1,{},{value}", 100 * i).unwrap();
+        }
+        text
+    };
+    write(d, "mm.csv", &test(1e-3));
+    write(d, "nm.csv", &test(2e3));
+    for (name, code, named) in [
+        ("mm.csv", 0, "(largest 0.0052 µm): is "),
+        ("nm.csv", 65, "reaches 10400 µm; the limit is 5000 µm: were these values in nm, not in µm?"),
+    ] {
+        for args in [
+            &["evaluate", "iso230-2", "--data", name][..],
+            &["fit", "--axis", "x", "--errors", name, "--out", "m.toml"],
+        ] {
+            let output = volcomp(d, args);
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(code), "{args:?}: {said}");
+            assert!(said.contains(named), "{args:?}: {said}");
+        }
+    }
 }

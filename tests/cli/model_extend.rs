@@ -581,4 +581,9 @@ fn each_effect_states_its_part_of_the_forecast_shrink() {
     write("wrong.json", "{}");
     let out = volcomp(dir.path(), &[&args[..], &["--report", "wrong.json"]].concat());
     assert_eq!(out.status.code(), Some(65));
+    // a file that nobody named
+    write("report.json", "{}");
+    let out = volcomp(dir.path(), &args);
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert!(out.status.success() && said.contains("report.json: no shrink and causes"), "{said}");
 }

@@ -224,11 +224,11 @@ fn unit_mistakes_are_named_with_the_likely_unit() {
     for (error, parts) in [
         (
             "[errors.exx.table]\nposition-mm = [0, 9]\nvalue-um = [0, 8000]\n",
-            ["EXX reaches 8000 um", "in nm, not in um?", "model.toml:6:16"],
+            ["EXX reaches 8000 µm", "in nm, not in µm?", "model.toml:6:16"],
         ),
         (
             "[errors.exx.table]\nposition-mm = [0, 9]\nvalue-um = [0, 1e7]\n",
-            ["the limit is 5000 um (5 mm)", "are these positions instead of deviations?", "model.toml:6:16"],
+            ["the limit is 5000 µm (5 mm)", "are these positions instead of deviations?", "model.toml:6:16"],
         ),
         (
             "[errors.eax.constant]\nvalue-arcsec = 2500\n",
@@ -244,7 +244,7 @@ fn unit_mistakes_are_named_with_the_likely_unit() {
         ),
         (
             "[errors.eyx.fourier]\nspan-mm = 500\nperiod-mm = 500\nsin-um = [6000]\n",
-            ["EYX reaches 6000 um", "in nm, not in um?", "model.toml:7:11"],
+            ["EYX reaches 6000 µm", "in nm, not in µm?", "model.toml:7:11"],
         ),
         (
             "[errors.ecx.chebyshev]\nrange-mm = [0, 500]\ncoefficients-arcsec = [2, 3000]\n",
@@ -252,7 +252,7 @@ fn unit_mistakes_are_named_with_the_likely_unit() {
         ),
         (
             "[errors.ezy.grid]\naxes = [\"y\", \"z\"]\ny-mm = [0, 1]\nz-mm = [0, 1]\nvalue-um = [0, 0, 0, 7000]\n",
-            ["EZY reaches 7000 um", "in nm, not in um?", "model.toml:8:22"],
+            ["EZY reaches 7000 µm", "in nm, not in µm?", "model.toml:8:22"],
         ),
     ] {
         refused(&format!("{THREE}{error}"), &parts);

@@ -237,7 +237,7 @@ fn before_and_after_stand_in_one_report_with_verdicts() {
     holds(
         &words(&read(d, "v.html")),
         &[
-            "Conformity: all 3 tolerances stated",
+            "Conformity with all 3 stated tolerances",
             "VMC 850",
             "D-K-1234",
             "before / µm after / µm reduction",

@@ -78,7 +78,7 @@ fn another_model_comes_in_smoothly_and_goes_back_and_stays_over_a_restart() {
     let refused = cycle_while(&mut session, 200, || daemon.volcomp(&["load", &large]));
     assert!(!refused.status.success());
     let text = stderr(&refused);
-    assert!(text.contains("VC-5006") && text.contains("80.0 um") && text.contains("--confirm"), "{text}");
+    assert!(text.contains("VC-5006") && text.contains("80.0 µm") && text.contains("--confirm"), "{text}");
     assert!((session.applied[0] + 0.040).abs() < 1e-9);
     let confirmed = cycle_while(&mut session, 400, || {
         daemon.volcomp(&["load", &large, "--confirm", "A. Smith", "--reason", "new screw"])

@@ -12,7 +12,8 @@ use volcomp_engine::fault::CATALOGUE;
 /// A status with what the banner reads of it.
 fn status(state: &str, health: &Value, warnings: &Value, faults: &Value) -> Value {
     let events = json!([
-        { "time": "2026-05-03T08:00:00Z", "code": "VC-6002", "severity": "warning", "name": "link-lost", "count": 1 },
+        { "time": "2026-05-03T08:00:00Z", "last_time": "2026-05-03T08:00:40Z", "code": "VC-6002", "severity": "warning",
+            "name": "link-lost", "count": 2 },
         { "time": "2026-05-03T08:00:00Z", "code": "VC-4001", "severity": "fault", "name": "read-back", "count": 1 },
     ]);
     json!({
@@ -92,6 +93,8 @@ fn a_warning_is_not_green_and_what_is_over_says_so() {
         "{}",
         all[4]
     );
+    let first = all[1]["events"][0].as_str().expect("text");
+    assert!(first.starts_with("08:00:00 to 08:00:40 UTC VC-6002"), "{first}");
     let over = |shown: &Value| -> Vec<bool> {
         let events = shown["events"].as_array().expect("events");
         events.iter().map(|event| event.as_str().is_some_and(|text| text.contains(" over"))).collect()

@@ -467,7 +467,7 @@ fn counters_and_audit_log_survive_a_restart_and_tell_tampering() {
     assert_eq!((&lifetime["starts"], &lifetime["enables"]), (&2.into(), &1.into()), "{lifetime}");
     assert_eq!(lifetime["cycles"].as_u64(), Some(cycles), "{lifetime}");
     assert!(lifetime["note"].is_null() && status["cycles"] == 0, "{lifetime}");
-    assert!(text(&daemon.volcomp(&["status"]).stdout).contains("largest offset 10.000 um"));
+    assert!(text(&daemon.volcomp(&["status"]).stdout).contains("largest offset 10.000 µm"));
 
     let log = daemon.dir.path().join("state/audit.jsonl");
     let _ = ok(&volcomp(&["audit", "verify", name(&log)]));

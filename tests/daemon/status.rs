@@ -66,7 +66,7 @@ fn the_last_minute_the_benefit_and_the_coverage_are_told() {
     assert!(matches!(code, 0 | 1), "{text}");
     for word in [
         "health      ",
-        "benefit     predicted tool-tip error 10.0 um without",
+        "benefit     predicted tool-tip error 10.0 µm without",
         "1 of 21 error motions",
         "last ",
     ] {
@@ -263,11 +263,11 @@ fn a_latched_fault_shows_what_the_control_holds_and_what_keeps_it_from_being_cle
     assert_eq!(seen["machine_state"], serde_json::json!(["homed", "enabled"]), "{seen}");
     assert_eq!(seen["correction_um"], serde_json::json!({}), "nothing is sent: {seen}");
     let (_, text) = shown(&daemon);
-    assert!(text.contains("nothing is sent   applied    +50.000 um"), "{text}");
+    assert!(text.contains("nothing is sent   applied    +50.000 µm"), "{text}");
     let refused = daemon.volcomp(&["enable", "--clear-fault"]);
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert_eq!(refused.status.code(), Some(65), "{said}");
-    assert!(said.contains("the control reports an offset, x: 50.0000 um, limit 0.5000 um"), "{said}");
+    assert!(said.contains("the control reports an offset, x: 50 µm, limit 0.5 µm"), "{said}");
 }
 
 #[test]

@@ -240,7 +240,7 @@ fn bad_input_is_refused_with_its_place_and_a_remedy() {
         ("s.csv:32: x_mm is empty", line(&set(5, ""))),
         ("every deviation_um is 0; nothing was measured", line(&|_, r| r[9] = "0".to_owned())),
         (
-            "are these mm? the column is in um",
+            "are these mm? the column is in µm",
             line(&|n, r| r[9] = format!("{}", 1e-3 * (n as f64 * 2.399).sin())),
         ),
         (

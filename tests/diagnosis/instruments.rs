@@ -489,14 +489,14 @@ fn what_is_found_without_a_model_can_be_applied() {
     let volcomp = |args: &[&str]| {
         Command::new(env!("CARGO_BIN_EXE_volcomp")).current_dir(d).args(args).output().unwrap()
     };
-    let extend = ["model", "extend", "--add", "out/addition.toml", "--out", "better.toml", "--model"];
-    let done = volcomp(&[&extend[..], &["out/model.toml"]].concat());
+    let extend = ["model", "extend", "--add", "out/addition.toml"];
+    let done = volcomp(&[&extend[..], &["--out", "better.toml", "--model", "out/model.toml"]].concat());
     assert!(done.status.success(), "{}", text(&done.stderr));
     assert!(text(&done.stdout).contains("scale:x: in the model, EXX"), "{}", text(&done.stdout));
     let model = std::fs::read_to_string(d.join("better.toml")).unwrap();
     assert!(model.contains("chain = \"[w b X t]\"") && model.contains("travel-mm = [0, 300]"), "{model}");
     // beside a model that corrects something already it would be counted twice
-    let done = volcomp(&[&extend[..], &["better.toml"]].concat());
+    let done = volcomp(&[&extend[..], &["--out", "twice.toml", "--model", "better.toml"]].concat());
     let said = text(&done.stderr);
     assert!(done.status.code() == Some(78) && said.contains("found without a model"), "{said}");
     assert!(said.contains("diagnose again with --model"), "{said}");

@@ -190,7 +190,7 @@ fn a_ballbar_circle_is_ranked_and_becomes_a_model() {
         predicted.lines().skip(1).map(|l| l.split(',').nth(3).unwrap().parse().unwrap()).collect();
     assert!((dx[1] - dx[0] - 6.0).abs() < 0.05, "lost motion of 6 um between the directions: {dx:?}");
     let report = stdout(&volcomp(&base));
-    assert!(report.contains("squareness:xy") && report.contains("um/m"), "{report}");
+    assert!(report.contains("squareness:xy") && report.contains("µm/m"), "{report}");
 }
 
 #[test]

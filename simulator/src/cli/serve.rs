@@ -252,14 +252,26 @@ fn cycle(common: &Common) -> Result<f64, Failure> {
     checked_cycle_s(common.cycle_ms * 1e-3).map_err(|e| Failure::new(EX_USAGE, e))
 }
 
-/// The machine of a file or a built-in one, and its axes.
+/// Machines by name.
+const BUILT_IN: [(&str, &str); 3] =
+    [("vmc-850", VMC_850), ("gantry-5ax", GANTRY_5AX), ("grinder-ab", GRINDER_AB)];
+
+/// Neither a file nor a name.
+fn unknown_machine(path: &Path) -> Failure {
+    let names = BUILT_IN.map(|(name, _)| name);
+    let hint = volcomp_cli::suggestion(&path.to_string_lossy(), &names, "");
+    let hint = if hint.starts_with("did") { format!("; {hint}") } else { String::new() };
+    let what = format_args!("neither a file nor one of the built-in {}{hint}", names.join(", "));
+    Failure::in_file(EX_IOERR, path, what)
+}
+
 /// A machine by name or by its truth file.
 pub(super) fn built_in_or_file(path: &Path) -> Result<TruthMachine, Failure> {
-    let text = match path.to_str() {
-        Some("vmc-850") => VMC_850.to_owned(),
-        Some("gantry-5ax") => GANTRY_5AX.to_owned(),
-        Some("grinder-ab") => GRINDER_AB.to_owned(),
-        _ => read(path, InputKind::Description)?,
+    let built_in = BUILT_IN.iter().find(|(name, _)| path.as_os_str() == *name);
+    let text = match built_in {
+        Some((_, text)) => (*text).to_owned(),
+        None if !path.exists() => return Err(unknown_machine(path)),
+        None => read(path, InputKind::Description)?,
     };
     TruthMachine::from_toml(&text).map_err(|e| Failure::in_file(EX_CONFIG, path, e))
 }

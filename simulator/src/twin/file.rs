@@ -106,6 +106,9 @@ impl TryFrom<Given> for Effect {
     fn try_from(given: Given) -> Result<Self, String> {
         let mut effect =
             Self { name: given.name, subject: given.subject, size_um: 0.0, constants: given.with };
+        if catalogue::entry(&effect.name).is_none() {
+            return Err(unknown_effect(&effect.name));
+        }
         let quantity = Quantity::of(&effect.name, &effect.subject);
         let of = |key: &str| quantity.as_ref().filter(|q| q.key == key).map(|q| 1.0 / q.per_um);
         let sizes = [
@@ -149,7 +152,7 @@ impl Effect {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TwinError {
     /// Not TOML, an unknown key, or a value of the wrong kind; says line and column.
-    #[error("twin file: {0}")]
+    #[error("twin file: {}", volcomp_cli::with_nearest(&.0.to_string()))]
     Toml(#[from] toml::de::Error),
     /// Another format.
     #[error("twin file: format {found:?} is not known; this program reads \"{FORMAT}\"")]
@@ -233,9 +236,15 @@ impl TwinTruth {
     }
 }
 
+/// What is wrong with a name, with the nearest known one.
+fn unknown_effect(name: &str) -> String {
+    let known: Vec<&str> = catalogue::CATALOGUE.iter().map(|entry| entry.name).collect();
+    format!("unknown effect `{name}`; {}", volcomp_cli::suggestion(name, &known, "expected one of "))
+}
+
 fn check_effect(effect: &Effect) -> Result<(), TwinError> {
     let wrong = |what: String| TwinError::Effect { label: effect.label(), what };
-    let entry = catalogue::entry(&effect.name).ok_or_else(|| wrong("there is no such effect".to_owned()))?;
+    let entry = catalogue::entry(&effect.name).ok_or_else(|| wrong(unknown_effect(&effect.name)))?;
     if !entry.subjects.list().contains(&effect.subject.as_str()) {
         let known = match entry.subjects {
             Subjects::None => "it has no subject".to_owned(),
@@ -250,4 +259,25 @@ fn check_effect(effect: &Effect) -> Result<(), TwinError> {
         return Err(wrong("size and constants must be finite numbers".to_owned()));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_names_get_the_nearest_one() {
+        let head = format!("format = \"{FORMAT}\"\nseed = 1\nvariation = 0.0\n");
+        for (text, expected) in [
+            (
+                "[[effect]]\nname = \"backlsh\"\nsubject = \"x\"\nwidth-um = 3\n",
+                "unknown effect `backlsh`; did you mean backlash?",
+            ),
+            ("[[effects]]\nname = \"backlash\"\n", "did you mean effect?"),
+            ("[[effect]]\nname = \"backlash\"\nsubject = \"x\"\n", "give its size once, as size-um"),
+        ] {
+            let said = TwinTruth::read(&(head.clone() + text)).unwrap_err().to_string();
+            assert!(said.contains(expected), "{said}");
+        }
+    }
 }

@@ -81,7 +81,10 @@ fn what_is_wrong_with_a_truth_file_is_said() {
     let truth = folder.path().join("twin.toml");
     let wrong = [
         ("format = \"volcomp-truth/1\"\n", "volcomp-twin/1"),
-        ("format = \"volcomp-twin/1\"\n[[effect]]\nname = \"gremlin\"\nsize-um = 1.0\n", "no such effect"),
+        (
+            "format = \"volcomp-twin/1\"\n[[effect]]\nname = \"gremlin\"\nsize-um = 1.0\n",
+            "unknown effect `gremlin`",
+        ),
         (
             "format = \"volcomp-twin/1\"\n[[effect]]\nname = \"backlash\"\nsubject = \"c\"\nsize-um = 1.0\n",
             "x y z",

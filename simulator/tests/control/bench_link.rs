@@ -94,7 +94,7 @@ fn five_axes_and_busy_polling_work_alike() {
 fn settings_that_cannot_be_measured_are_named() {
     for (args, says) in [
         (["--paced-ms", "0.1"], "--paced-ms 0.1; give 0.25 to 10"),
-        (["--seconds", "0"], "'0.0' for '--seconds <S>': expected 0.01 to"),
+        (["--seconds", "0"], "'0' for '--seconds <S>': expected 0.01 to"),
         (["--block-ms", "5000"], "--block-ms 5000; give"),
     ] {
         let out = bench(&args);

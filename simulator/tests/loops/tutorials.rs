@@ -63,8 +63,8 @@ fn a_compensated_simulated_machine() {
 fn from_an_iso_230_2_test_to_a_report() {
     let (said, clone) = follow("positioning-report.md");
     assert!(said[1].contains("repeatability R") && said[2].contains("measurement"), "{said:?}");
-    assert!(clone.folder.path().join("x-axis.html").exists());
-    assert!(clone.folder.path().join("diagnosis/report.html").exists());
+    assert!(clone.folder.path().join("positioning-x.html").exists());
+    assert!(clone.folder.path().join("positioning-x-causes/report.html").exists());
 }
 
 #[test]

@@ -138,13 +138,9 @@ impl Acceptance {
         computed: Option<f64>,
     ) -> Assessed {
         let of = |numbers: &Numbers| numbers.get(&toml_key(key)).copied();
-        Assessed {
-            key: key.to_owned(),
-            name,
-            value,
-            expanded: of(&self.uncertainties).or(computed),
-            limit: of(&self.tolerances),
-        }
+        let expanded = of(&self.uncertainties).or(computed);
+        let limit = of(&self.tolerances);
+        Assessed { key: key.to_owned(), name, value, expanded, compared: expanded, limit }
     }
 
     /// The head, two columns of key and value.

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::Acceptance;
-use volcomp_evaluate::Conformity;
+use volcomp_evaluate::{Conformity, Uncertain};
 
 /// A figure with what is known about it.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +16,8 @@ pub(crate) struct Assessed {
     pub(crate) value: Option<f64>,
     /// Expanded uncertainty (k = 2), where stated.
     pub(crate) expanded: Option<f64>,
+    /// Expanded uncertainty (k = 2) with that of few runs, for a comparison; none where it is not known.
+    pub(crate) compared: Option<f64>,
     /// Tolerance, where stated.
     pub(crate) limit: Option<f64>,
 }
@@ -24,6 +26,11 @@ pub(crate) struct Assessed {
 pub(crate) const NOT_STATED: &str = "not stated";
 
 impl Assessed {
+    /// The figure with the uncertainty of a comparison.
+    pub(crate) fn uncertain(&self) -> Option<Uncertain> {
+        Some(Uncertain { value: self.value?, std: self.compared.map(|u| u / 2.0) })
+    }
+
     /// The verdict, where there are a figure and a tolerance.
     pub(crate) fn verdict(&self) -> Option<Conformity> {
         let (value, limit) = self.value.zip(self.limit)?;
@@ -100,7 +107,8 @@ pub(crate) fn summary(all: &[Assessed]) -> Option<String> {
     ] {
         let names = of(verdict);
         if names.len() == judged && judged > 1 {
-            parts.push(format!("{words}: all {judged} tolerances stated"));
+            let all = if judged == 2 { "both".to_owned() } else { format!("all {judged}") };
+            parts.push(format!("{words} with {all} stated tolerances"));
         } else if !names.is_empty() {
             parts.push(format!("{words}: {}", names.join(", ")));
         }
@@ -113,7 +121,8 @@ mod tests {
     use super::*;
 
     fn figure(key: &str, value: f64, expanded: Option<f64>, limit: Option<f64>) -> Assessed {
-        Assessed { key: key.to_owned(), name: "accuracy A", value: Some(value), expanded, limit }
+        let (key, compared) = (key.to_owned(), expanded);
+        Assessed { key, name: "accuracy A", value: Some(value), expanded, compared, limit }
     }
 
     #[test]
@@ -134,7 +143,7 @@ mod tests {
         ];
         assert_eq!(summary(&all).unwrap(), "Non-conformity: accuracy A. Conformity: accuracy A.");
         let both = [all[0].clone(), all[0].clone()];
-        assert_eq!(summary(&both).unwrap(), "Conformity: all 2 tolerances stated.");
+        assert_eq!(summary(&both).unwrap(), "Conformity with both stated tolerances.");
         assert_eq!(summary(&all[2..]), None);
     }
 }

@@ -3,7 +3,6 @@
 use serde_json::{Value, json};
 
 use crate::quantities::{offset_out, offset_unit, position_out, position_unit, rounded};
-use volcomp_config::machine::StartMode;
 use volcomp_config::{AxisConfig, MachineConfig, place_of};
 use volcomp_engine::LimitTime;
 use volcomp_units::axes::AxisKind;
@@ -41,10 +40,7 @@ impl Setting {
 /// What decides when and how an offset moves, and which positions are believed; `text` is that of the file.
 pub(super) fn settings(text: &str, machine: &MachineConfig) -> Vec<Setting> {
     let engine = &machine.engine;
-    let start = match machine.start {
-        StartMode::OnCommand => "on-command",
-        StartMode::OnConnect => "on-connect",
-    };
+    let start = machine.start.name();
     let limit_time = match engine.limit_time {
         LimitTime::Control => "control",
         LimitTime::Computer => "computer",

@@ -37,6 +37,12 @@ pub(super) fn session(path: &Path, args: &InstrumentArgs, plan: bool) -> Result<
     let mut raw = read(&mut table)?;
     if plan {
         as_plan(&mut raw);
+    } else if raw.column("deviation_um").is_some_and(|all| all.iter().all(|v| v.is_nan())) {
+        return Err(data!(
+            raw.file,
+            "deviation_um is empty in every row; a recording of the daemon measures no deviation: fill in the readings of an instrument, or give \
+             --plan to see what such rows could show"
+        ));
     }
     Ok(Source::Table(raw))
 }
@@ -65,14 +71,18 @@ pub(super) fn read<R: std::io::BufRead>(table: &mut Table<R>) -> Result<Raw, Fai
     let mut kept: Vec<usize> = (0..names.len()).filter(|i| Some(*i) != instrument).collect();
     raw.columns = vec![Vec::new(); names.len()];
     while table.advance()? {
-        if raw.lines.is_empty() {
-            // a column of words is a remark, not a quantity
-            kept.retain(|i| table.number_or_empty(*i).is_ok() || is_quantity(&names[*i]));
-        }
+        let mut words = Vec::new();
         for i in &kept {
-            let value = table.number_or_empty(*i)?;
-            raw.columns[*i].push(value);
+            match table.number_or_empty(*i) {
+                Ok(value) => raw.columns[*i].push(value),
+                // a column of words is a remark, not a quantity: its first value decides
+                Err(_) if !is_quantity(&names[*i]) && raw.columns[*i].iter().all(|v| v.is_nan()) => {
+                    words.push(*i);
+                }
+                Err(e) => return Err(e),
+            }
         }
+        kept.retain(|i| !words.contains(i));
         raw.instruments.push(instrument.map_or_else(|| "instrument".to_owned(), |i| table.word(i)));
         raw.lines.push(table.line());
     }
@@ -137,4 +147,23 @@ pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), 
     };
     let file = session.files.join(", ");
     Err(failure!(EX_DATAERR, "{file}: axis {axis} {what}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn columns(text: &str) -> Result<Vec<String>, Failure> {
+        let mut table = Table::new(std::io::Cursor::new(text.to_owned()), "s.csv".to_owned())?;
+        read(&mut table).map(|raw| raw.names)
+    }
+
+    #[test]
+    fn the_first_value_of_a_column_says_whether_it_holds_words() {
+        let found = columns("t_s,cause,deviation_um\n0,,1\n1,machine-ready,2\n2,,3\n").unwrap();
+        assert_eq!(found, ["t_s", "deviation_um"]);
+        let slip = columns("t_s,flow,deviation_um\n0,4,1\n1,4x,2\n").unwrap_err();
+        assert!(slip.message.contains("'4x' is not a number"), "{}", slip.message);
+        assert!(columns("t_s,x_mm,deviation_um\n0,,1\n1,word,2\n").is_err());
+    }
 }

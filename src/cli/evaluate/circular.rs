@@ -16,6 +16,7 @@ use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
 use crate::numerals::{counted, plain};
+use crate::units::check_size;
 use crate::{Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
@@ -128,6 +129,8 @@ fn read(
 ) -> Result<Evaluated, Failure> {
     let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
     let samples = of_one_feed(wanted_feed, path, samples(path, &known)?)?;
+    let largest = samples.iter().map(|s| um_from_mm(s.deviation).abs()).fold(0.0, f64::max);
+    check_size(&path.display().to_string(), "deviation_um", largest, false)?;
     // a file that is not in the order of the readings says nothing about overshoot
     let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);
     let measured =
@@ -293,7 +296,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         keys: keys(),
         stated: Stated { feed_mm_per_min: after.feed, ..Stated::default() },
         unit: "µm",
-        expanded: figures.iter().map(|two| two.each_ref().map(|f| f.expanded)).collect(),
         figures,
         about: [", about the fitted centre", ", about the nominal circle at the fitted centre"],
         plots,

@@ -9,7 +9,7 @@ use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, before_and_after, change, headed, percent, put_before, show,
+    CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, put_before, show,
     side_by_side,
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
@@ -18,6 +18,7 @@ use crate::numerals::counted;
 use crate::positioning_data::TestColumns;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
 use crate::report::{Page, Table};
+use crate::units::check_size;
 use crate::{Failure, table};
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
@@ -65,6 +66,8 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
         let (target, deviation) = (r.position, um_from_mm(r.value));
         Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
     })?;
+    let largest = readings.iter().map(|(_, r)| r.deviation.abs()).fold(0.0, f64::max);
+    check_size(&path.display().to_string(), "deviation_um", largest, false)?;
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }
@@ -90,12 +93,17 @@ fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Condition
         .iter()
         .map(|(key, name, get)| {
             let worst = test.worst(get);
-            let expanded = worst.and_then(|(diagonal, _)| {
+            let of_worst = worst.and_then(|(diagonal, _)| {
                 let (_, p) = test.diagonals.iter().find(|(d, _)| *d == diagonal)?;
-                let u = stated(&Uncertainties::of(p, conditions, length(p)));
-                u.iter().find(|(k, _)| format!("{k}_um") == **key).map(|(_, u)| *u)
+                Some(Uncertainties::of(p, conditions, length(p)))
             });
-            acceptance.assess(key, name, worst.map(|(_, v)| v), expanded)
+            let bare = key.trim_end_matches("_um");
+            let expanded = of_worst
+                .as_ref()
+                .and_then(|u| stated(u).into_iter().find(|(k, _)| *k == bare))
+                .map(|(_, u)| u);
+            let figure = acceptance.assess(key, name, worst.map(|(_, v)| v), expanded);
+            Assessed { compared: of_worst.as_ref().and_then(|u| whole_uncertainty(u, bare)), ..figure }
         })
         .collect()
 }
@@ -106,11 +114,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let conditions = args.uncertainty.conditions(AxisKind::Linear)?;
     let judged = Judged { figures: assessed(&acceptance, &after.result, &conditions), acceptance };
     let before = args.before.as_deref().map(read).transpose()?;
+    let old = before.as_ref().map(|b| assessed(&Acceptance::default(), &b.result, &conditions));
     let title = args.output.title("Body diagonals");
     let scale = scale(&after, before.as_ref());
     args.output.deliver(
         || whole(title, &after, before.as_ref(), scale),
-        || report(args, title, &judged, &after, before.as_ref(), scale),
+        || report(args, title, &judged, &after, before.as_ref().zip(old.as_deref()), scale),
         || {
             let mut report = object(&after.result);
             judged.put(&mut report);
@@ -120,12 +129,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             report
         },
         || {
-            print(&after.result, before.as_ref().map(|b| &b.result), &judged.figures);
+            print(&after.result, old.as_deref(), &judged.figures);
         },
     )
 }
 
-fn print(after: &DiagonalTest, before: Option<&DiagonalTest>, figures: &[Assessed]) {
+fn print(after: &DiagonalTest, before: Option<&[Assessed]>, figures: &[Assessed]) {
     for (d, p) in &after.diagonals {
         let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
         say!("ISO 230-6, diagonal {}: {targets}, {cycles}", d.name());
@@ -134,11 +143,11 @@ fn print(after: &DiagonalTest, before: Option<&DiagonalTest>, figures: &[Assesse
     }
     let heads = ["worst of the four", ">um", "diagonal", ">before", ">change"].map(str::to_owned);
     let mut worst = Table::new(heads.into_iter().chain(Assessed::heads("um")));
-    for (f, (.., get)) in figures.iter().zip(WORST) {
-        let Some((d, v)) = after.worst(get) else { continue };
-        let old = before.and_then(|b| b.worst(get)).map(|(_, v)| v);
-        let row =
-            [f.name.to_owned(), show(f.value), d.name().to_owned(), show(old), percent(change(old, Some(v)))];
+    for (i, (f, (.., get))) in figures.iter().zip(WORST).enumerate() {
+        let Some((d, _)) = after.worst(get) else { continue };
+        let old = before.and_then(|b| b.get(i));
+        let was = show(old.and_then(|b| b.value));
+        let row = [f.name.to_owned(), show(f.value), d.name().to_owned(), was, changed(old, f)];
         worst.row(row.into_iter().chain(f.words()));
     }
     worst.print();
@@ -205,14 +214,14 @@ fn report(
     title: &str,
     judged: &Judged,
     after: &Evaluated,
-    before: Option<&Evaluated>,
+    before: Option<(&Evaluated, &[Assessed])>,
     y: [f64; 2],
 ) -> Result<String, Failure> {
     let standard = "Positioning along the body diagonals, ISO 230-6:2002";
     let mut page = args.output.page([&args.data, &args.before], (title, standard), judged, &[]);
     page.heading("Worst of the four diagonals");
-    let old = before.map(|b| assessed(&Acceptance::default(), &b.result, &Conditions::default()));
-    page::figures("µm", &judged.figures, old.as_deref()).put(&mut page);
+    page::figures("µm", &judged.figures, before.map(|(_, old)| old)).put(&mut page);
+    let before = before.map(|(test, _)| test);
     page.heading("Each diagonal");
     each(&mut page, after, before);
     let caption = "Deviation = actual - target along the diagonal. Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, \
@@ -271,13 +280,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
             |d: Diagonal| test.result.diagonals.iter().position(|(other, _)| *other == d).unwrap_or(0);
         test.readings.iter().map(|(d, r)| super::positioning::placed(curve(*d) as u32, r)).collect()
     };
-    let of_worst = |(key, _, get): &(&str, _, _)| {
-        [&before, &after].map(|test| {
-            let (worst, _) = test.result.worst(get)?;
-            let (_, p) = test.result.diagonals.iter().find(|(d, _)| *d == worst)?;
-            whole_uncertainty(&Uncertainties::of(p, &conditions, length(p)), key.trim_end_matches("_um"))
-        })
-    };
     Ok(Compared {
         test: "iso230-6",
         standard: "Positioning along the body diagonals, ISO 230-6:2002; figures of the worst of the four",
@@ -287,7 +289,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         figures: side_by_side(
             [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, &conditions)),
         ),
-        expanded: WORST.iter().map(of_worst).collect(),
         about: [", each diagonal about its mean"; 2],
         plots,
         caption: "Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, dots: readings.",

@@ -26,7 +26,7 @@ use crate::acceptance::{Acceptance, Stated};
 use crate::report::Page;
 use crate::report::plot::Svg;
 use page::Origin;
-use volcomp_evaluate::{Device, Placed};
+use volcomp_evaluate::{Device, Placed, Uncertain};
 
 /// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
 ///
@@ -148,8 +148,6 @@ pub(crate) struct Compared {
     pub(crate) unit: &'static str,
     /// Its figures, before and after.
     pub(crate) figures: Vec<[Assessed; 2]>,
-    /// Their expanded uncertainties (k = 2) by few runs and, where stated, the instrument; none where they are not computed.
-    pub(crate) expanded: Vec<[Option<f64>; 2]>,
     /// What the deviations of range and RMS are taken about.
     pub(crate) about: [&'static str; 2],
     /// Plots at one scale: heading and picture.
@@ -287,6 +285,28 @@ fn side_by_side([before, after]: [Vec<Assessed>; 2]) -> Vec<[Assessed; 2]> {
 fn change(before: Option<f64>, after: Option<f64>) -> Option<f64> {
     let (before, after) = (before?, after?);
     (before != 0.0).then(|| (after - before) / before)
+}
+
+/// Expanded uncertainty (k = 2) of the change of a figure.
+pub(crate) fn expanded_change(before: Uncertain, after: Uncertain) -> Option<f64> {
+    Some(2.0 * before.std?.hypot(after.std?))
+}
+
+/// Whether a figure changed by more than the uncertainty; none where that is not known.
+pub(crate) fn is_significant(before: Uncertain, after: Uncertain) -> Option<bool> {
+    expanded_change(before, after).map(|u| (after.value - before.value).abs() > u)
+}
+
+/// What stands for a change within its uncertainty.
+pub(crate) const NOT_SIGNIFICANT: &str = "not significant";
+
+/// The change of a figure in words.
+fn changed(before: Option<&Assessed>, after: &Assessed) -> String {
+    let two = before.and_then(Assessed::uncertain).zip(after.uncertain());
+    match two.and_then(|(b, a)| is_significant(b, a)) {
+        Some(false) => NOT_SIGNIFICANT.to_owned(),
+        _ => percent(change(before.and_then(|b| b.value), after.value)),
+    }
 }
 
 /// A share in percent with its sign, none where it rounds to zero.

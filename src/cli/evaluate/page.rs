@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::{change, percent, show};
+use super::{changed, show};
 use crate::acceptance::verdicts::{Assessed, Judged, summary};
 use crate::acceptance::{RULE, file_name, sign};
 use crate::input::{self, InputKind};
@@ -66,8 +66,8 @@ pub(super) fn figures(unit: &str, after: &[Assessed], before: Option<&[Assessed]
     for (i, f) in after.iter().enumerate().filter(|(_, f)| f.value.is_some()) {
         let mut row = vec![f.name.to_owned()];
         if let Some(before) = before {
-            let old = before.get(i).and_then(|b| b.value);
-            row.extend([show(old), show(f.value), percent(change(old, f.value))]);
+            let old = before.get(i);
+            row.extend([show(old.and_then(|b| b.value)), show(f.value), changed(old, f)]);
         } else {
             row.push(show(f.value));
         }

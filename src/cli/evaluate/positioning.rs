@@ -18,6 +18,7 @@ use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::report::{Page, Table};
 use crate::start_up::{StartUp, in_report_units, words};
+use crate::units::check_size;
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
 use volcomp_units::axes::{AxisKind, Travel};
@@ -93,7 +94,7 @@ fn read(
     }
     let conditions = uncertainty.conditions(test.kind)?;
     let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
-    unit_note(path, test.kind, &readings);
+    check_unit(path, test.kind, &readings)?;
     uncertainty_note(path, &result, &uncertainties);
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
@@ -102,8 +103,12 @@ fn read(
     Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up, stated })
 }
 
-/// Deviations that no machine tool keeps below, um; a column in mm that is named um looks so.
-const SMALLEST_UM: f64 = 0.1;
+/// Looks at the unit of the deviations.
+fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<(), Failure> {
+    let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
+    let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
+    check_size(&path.display().to_string(), column, largest, kind == AxisKind::Rotary)
+}
 
 /// States that the uncertainty leaves nothing of the result.
 fn uncertainty_note(path: &Path, result: &Positioning, u: &Uncertainties) {
@@ -111,17 +116,6 @@ fn uncertainty_note(path: &Path, result: &Positioning, u: &Uncertainties) {
     if let Some((u, a)) = of_a.zip(result.both.map(|b| b.a)).filter(|(u, a)| u > a) {
         note!(
             "note: {}: the uncertainty of A, {u:.2}, is larger than A itself, {a:.2}: check the values of --u-device-um, .. (k = 2)",
-            path.display()
-        );
-    }
-}
-
-/// States that a test may be in another unit.
-fn unit_note(path: &Path, kind: AxisKind, readings: &[PositioningReading]) {
-    let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
-    if kind == AxisKind::Linear && largest < SMALLEST_UM {
-        note!(
-            "note: {}: no deviation exceeds {SMALLEST_UM} µm (largest {largest:.4} µm): is deviation_um in µm?",
             path.display()
         );
     }
@@ -141,7 +135,12 @@ fn keys() -> Vec<String> {
 fn assessed(acceptance: &Acceptance, test: &Evaluated) -> Vec<Assessed> {
     let stated = stated(&test.uncertainties);
     let expanded = |key: &str| stated.iter().find(|(k, _)| *k == key).map(|(_, u)| *u);
-    assess(FIGURES, &test.result, acceptance, &format!("_{}", test.units().0), expanded)
+    let unit = format!("_{}", test.units().0);
+    let mut figures = assess(FIGURES, &test.result, acceptance, &unit, expanded);
+    for f in &mut figures {
+        f.compared = whole(&test.uncertainties, f.key.trim_end_matches(&unit));
+    }
+    figures
 }
 
 /// Expanded uncertainties of the measurement by the keys of the figures; none where nothing was stated.
@@ -391,11 +390,9 @@ fn report(
     page.heading("Each direction");
     page::figures(unit, &judged.figures[BOTH..], before.map(|(_, old)| &old[BOTH..])).put(&mut page);
     uncertainty_section(&mut page, &after.result, &after.uncertainties, unit);
-    page.heading("Targets");
-    targets(&mut page, &after.result, unit, target_unit);
+    targets(&mut page, "Targets", &after.result, [unit, target_unit]);
     if let Some((before, _)) = before {
-        page.heading("Targets before");
-        targets(&mut page, &before.result, unit, target_unit);
+        targets(&mut page, "Targets before", &before.result, [unit, target_unit]);
     }
     Ok(page::finish(page, judged))
 }
@@ -432,8 +429,8 @@ fn uncertainty_section(page: &mut Page, p: &Positioning, u: &Uncertainties, unit
     );
 }
 
-fn targets(page: &mut Page, p: &Positioning, unit: &str, target_unit: &str) {
-    let (target, forward) = (format!(">target / {target_unit}"), format!(">mean forward / {unit}"));
+fn targets(page: &mut Page, heading: &str, p: &Positioning, [unit, target_unit]: [&str; 2]) {
+    page.heading(format_args!("{heading}, deviations in {unit}"));
     let rows = p.targets.iter().map(|t| {
         let mean = |s: Option<Spread>| show(s.map(|s| s.mean));
         let spread = |s: Option<Spread>| show(s.map(|s| s.s));
@@ -448,7 +445,8 @@ fn targets(page: &mut Page, p: &Positioning, unit: &str, target_unit: &str) {
             show(t.repeatability()),
         ]
     });
-    Table::new([&target, &forward, ">s", ">mean backward", ">s", ">mean of both", ">B", ">R"])
+    let heads = [">mean forward", ">s", ">mean backward", ">s", ">mean of both", ">B", ">R"];
+    Table::new([format!(">target / {target_unit}")].into_iter().chain(heads.map(str::to_owned)))
         .rows(rows)
         .put(page);
 }
@@ -468,7 +466,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     let plot = |test: &Evaluated, scale| drawing::single(&test.shown(), scale, drawing::HEIGHT);
     let own = drawing::scale([Some(&after.result)], [&after.readings[..]]);
     let plots = before_and_after([&before, &after], [scale, own], plot)?;
-    let of_key = |(key, ..): &(&str, _, _)| [&before, &after].map(|test| whole(&test.uncertainties, key));
     let placed = |test: &Evaluated| test.readings.iter().map(|r| placed(0, r)).collect();
     Ok(Compared {
         test: "iso230-2",
@@ -477,7 +474,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         stated: after.stated.clone(),
         unit: after.units().1,
         figures: side_by_side([&before, &after].map(|test| assessed(&Acceptance::default(), test))),
-        expanded: FIGURES.iter().map(of_key).collect(),
         about: ["", ", about zero"],
         plots,
         caption: "Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both directions.",

@@ -96,6 +96,12 @@ impl Measured {
         self.files.iter().any(|(_, f)| f == file)
     }
 
+    /// The readings of each file.
+    pub(crate) fn by_file(&self) -> impl Iterator<Item = (&str, &[Reading])> {
+        let ends = self.files.iter().skip(1).map(|(first, _)| *first).chain([self.readings.len()]);
+        self.files.iter().zip(ends).map(|((first, file), end)| (file.as_str(), &self.readings[*first..end]))
+    }
+
     /// File and line of a reading; line 0 where the file has no row per reading.
     pub(crate) fn place(&self, index: usize) -> (&str, u32) {
         let file = self.files.iter().rev().find(|(first, _)| *first <= index).map_or("", |(_, f)| f.as_str());

@@ -3,6 +3,7 @@
 pub(super) mod basis;
 pub(super) mod input;
 mod picture;
+mod positions;
 pub(super) mod report;
 mod start_up;
 mod thermal;
@@ -23,7 +24,7 @@ use crate::arg_parsers::{axis_letter, number, one_of};
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_identify::curve::{self, Basis, Drift, Period, Request, Reversal, Smoothing};
 use volcomp_model::curve::Interpolation;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Sense};
+use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, Sense};
 use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::{deg_from_rad, rad_from_arcsec, rad_from_deg};
 
@@ -167,7 +168,7 @@ impl<T: core::str::FromStr> core::str::FromStr for AutoOr<T> {
         if text == "auto" {
             return Ok(Self::Auto);
         }
-        text.parse().map(Self::Given).map_err(|_| format!("'{text}' is neither a number nor auto"))
+        text.parse().map(Self::Given).map_err(|_| format!("'{text}' is neither a number from 0 up nor auto"))
     }
 }
 
@@ -197,6 +198,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(usage!("neither --out nor --into is given"));
     }
     stdout_once(&args.model, args.json.as_deref())?;
+    let base = args.model.check()?;
     let mut by_symbol = BySymbol::new();
     if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
         return Err(usage!(
@@ -209,6 +211,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         let axis = args.axis[if args.axis.len() == 1 { 0 } else { i }];
         read(path, axis, args.format, args.cycles.as_ref(), args.direction, &mut by_symbol)?;
     }
+    positions::check(&by_symbol, |axis| args.travel_of(axis, base.as_ref()))?;
     args.warn_of_hidden_pitches(&by_symbol);
     let mut fitted = Vec::with_capacity(by_symbol.len());
     for (symbol, measured) in by_symbol {
@@ -221,6 +224,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     let sources = Sources::of(&args.errors);
     let model = args.model(&fitted, &sources)?;
+    if let Some(what) = Model::new(&model.spec).err().and_then(|e| positions::swing(&fitted, &e)) {
+        return Err(data_error(&args.errors, what));
+    }
     args.model.write(&model, &comments("fit", &sources, &fitted), &args.errors)?;
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
@@ -229,7 +235,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     print_notes(&fitted);
     fitted.iter().flat_map(outlier_lines).for_each(|line| note!("outlier: {line}"));
     if !stdout_taken(&args.model, args.json.as_deref()) {
-        say!("{}", table(&fitted).trim_end());
+        say_text!("{}", table(&fitted).trim_end());
     }
     Ok(())
 }
@@ -261,6 +267,18 @@ fn few_positions(measured: &Measured) -> Option<Vec<f64>> {
 }
 
 impl Args {
+    /// The travel of an axis in the coordinate of the data, where it is stated.
+    fn travel_of(&self, axis: AxisName, base: Option<&ModelFile>) -> Option<[f64; 2]> {
+        let given =
+            self.travel.iter().rev().find(|(name, _)| *name == axis).map(|(_, range)| {
+                if axis.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range }
+            });
+        let spec = base.map(|file| &file.spec);
+        let [low, high] = given.or_else(|| spec?.axis(axis).travel)?;
+        let is_mirrored = spec.is_some_and(|s| s.is_mirrored(axis));
+        Some(if is_mirrored { [-high, -low] } else { [low, high] })
+    }
+
     /// Says once per axis what its targets cannot show.
     fn warn_of_hidden_pitches(&self, by_symbol: &BySymbol) {
         let mut seen = Vec::new();

@@ -295,7 +295,7 @@ impl Found for Outcome<'_> {
 
     fn print(&self) {
         let chain = &self.chain;
-        say!(
+        say_text!(
             "{}, measured in the order of the rows. Uncertainty of the tool tip (k = 1) in um:",
             chain.spec().chain
         );

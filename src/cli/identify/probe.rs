@@ -191,17 +191,17 @@ impl Found for Outcome<'_> {
         };
         let (geometric, kasa) = (&found.geometric, &found.kasa);
         say!("{} contacts over {:.0} deg of the bar", self.contacts, found.arc.to_degrees());
-        say!("{:<28}{:>14}{:>14}{:>20}", "", "geometric/mm", "algebraic/mm", "std/um     95 %/um");
+        say_text!("{:<28}{:>14}{:>14}{:>20}", "", "geometric/mm", "algebraic/mm", "std/µm     95 %/µm");
         row("effective ball radius r_c", found.probe_radius, found.probe_radius_kasa, 2);
         row("circle of contact R_c", geometric.radius, kasa.radius, 2);
         row("bar's axis Y0", geometric.y0, kasa.y0, 0);
         row("bar's axis Z0 (over B axis)", geometric.z0, kasa.z0, 1);
         if let Some(nominal) = args.ball_radius_mm {
             let less = um_from_mm(found.probe_radius - nominal);
-            say!("r_c less the nominal radius of the ball: {less:.2} um");
+            say_text!("r_c less the nominal radius of the ball: {less:.2} um");
         }
         let (rms, sigma) = (um_from_mm(found.rms_radial), or_dash(found.sigma.map(um_from_mm), 3));
-        say!("distances from the circle: rms {rms:.3} um, noise {sigma} um");
+        say_text!("distances from the circle: rms {rms:.3} um, noise {sigma} um");
         if let Some(test) = &found.test {
             say!("fit against the stated noise: chi2 {:.1}, probability {:.3}", test.chi2, test.p_value);
         }

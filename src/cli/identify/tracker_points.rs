@@ -292,12 +292,12 @@ impl Registered {
         let (points, (worst, largest)) = (self.points.len(), self.worst());
         let worst = &self.points[worst];
         let (rms, largest) = (um_from_mm(self.rms()), um_from_mm(largest));
-        say!(
+        say_text!(
             "registration from {points} points: residual rms {rms:.2} um, largest {largest:.2} um ({worst})"
         );
         let [x, y, z, a, b, c] = self.std();
         let ([x, y, z], [a, b, c]) = ([x, y, z].map(um_from_mm), [a, b, c].map(arcsec_from_rad));
-        say!(
+        say_text!(
             "  uncertainty (k=1): position {x:.2} {y:.2} {z:.2} um, rotation {a:.3} {b:.3} {c:.3} arcsec; a constant and a slope for all positions alike"
         );
         let RigidFit { chi2, dof, .. } = self.fit;

@@ -192,7 +192,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             }
         }
     }
-    args.refuse_own_output()?;
     match format {
         FormatArg::Rtl | FormatArg::Iso230Dat | FormatArg::ApiPos => positioning::run(args, format),
         FormatArg::Columns if args.column_map()?.is_test() => positioning::run(args, format),
@@ -279,17 +278,6 @@ impl Args {
             Some(encoding) => text::decode_as(bytes, encoding).map_err(|e| format_failure(file, &e)),
             None => Ok(text::decode(bytes)),
         }
-    }
-
-    /// An output that is one of the inputs would be replaced by what was made of it.
-    fn refuse_own_output(&self) -> Result<(), Failure> {
-        let Some(out) = self.model.out.as_deref().filter(|o| o.as_os_str() != "-") else { return Ok(()) };
-        let target = out.canonicalize().ok();
-        let same = |f: &PathBuf| f.as_path() == out || (target.is_some() && f.canonicalize().ok() == target);
-        if self.files.iter().any(same) {
-            return Err(usage!("--out {}: is the file that is read; name another", out.display()));
-        }
-        Ok(())
     }
 }
 

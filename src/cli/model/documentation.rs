@@ -235,8 +235,10 @@ impl Documented<'_> {
                 meaning(*symbol).to_owned(),
                 representation(*symbol, function),
                 over,
-                format!("{} to {} {unit}", plain(size.low, 2), plain(size.high, 2)),
-                or_not_stated(function.std.map(|s| plain(2.0 * error_out(*symbol, s), 2))),
+                span(size.low, size.high, unit),
+                or_not_stated(
+                    function.std.map(|s| format!("{} {unit}", plain(2.0 * error_out(*symbol, s), 2))),
+                ),
             ];
             row.extend(apart.then(|| own(*symbol).unwrap_or_else(|| "as the file".to_owned())));
             row
@@ -462,6 +464,12 @@ fn representation(symbol: ErrorSymbol, function: &ErrorFunction) -> String {
         return format!("no term over {unit}");
     }
     terms.join(" + ")
+}
+
+/// Lowest to highest value; one where both are the same.
+fn span(low: f64, high: f64, unit: &str) -> String {
+    let [low, high] = [low, high].map(|v| plain(v, 2));
+    if low == high { format!("{low} {unit}") } else { format!("{low} to {high} {unit}") }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::super::{EX_CONFIG, EX_DATAERR, Failure};
 use super::forecast::Forecast;
 use crate::acceptance::file_name;
 use crate::additions::read_addition;
-use crate::files::write_text;
+use crate::files::write_model;
 use crate::input::{InputKind, read_text};
 use volcomp_config as config;
 use volcomp_effects::addition::Twice;
@@ -92,7 +92,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let added: Vec<String> = args.add.iter().map(|p| file_name(p)).collect();
     let comment =
         format!("{} with {}, written by volcomp model extend.", file_name(&args.model), added.join(", "));
-    write_text(&args.out, &config::model::write_file(&model, &[comment]))?;
+    write_model(&args.out, &config::model::write_file(&model, &[comment]))?;
     if args.json {
         let report = serde_json::json!({
             "effects": fates.iter().map(|fate| as_json(fate, forecast.as_ref())).collect::<Vec<_>>(),

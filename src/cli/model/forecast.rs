@@ -53,18 +53,25 @@ impl Delivered {
 }
 
 impl Forecast {
-    /// Reads the report named by the user, or `report.json` beside an addition; `None` where there is none beside it.
+    /// Reads the report named by the user, or `report.json` beside an addition; `None` where none of a diagnosis is beside it.
     pub(super) fn read(named: Option<&PathBuf>, addition: &Path) -> Result<Option<Self>, Failure> {
+        if let Some(path) = named {
+            return Self::read_file(path).map(Some);
+        }
         let beside = addition.with_file_name("report.json");
-        let path = match named {
-            Some(path) => path,
-            None if beside.is_file() => &beside,
-            None => return Ok(None),
-        };
+        let found = beside.is_file().then(|| Self::read_file(&beside)).transpose();
+        // nobody named this file
+        found.or_else(|failure| {
+            note!("note: {}; the forecast is left out", failure.message.trim_start_matches("error: "));
+            Ok(None)
+        })
+    }
+
+    fn read_file(path: &Path) -> Result<Self, Failure> {
         let text = read_text(path, InputKind::Model)?;
         let wrong = |what: &str| data!(path, "{what}; expected report.json of volcomp diagnose");
         let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
-        Self::of(&report).map(Some).ok_or_else(|| wrong("no shrink and causes"))
+        Self::of(&report).ok_or_else(|| wrong("no shrink and causes"))
     }
 
     fn of(report: &Value) -> Option<Self> {

@@ -3,7 +3,6 @@
 use super::report::{Report, axis_words, errors};
 use super::{drawing, gauge, picture};
 use crate::Failure;
-use crate::numerals::micro;
 use crate::report::Page;
 use volcomp_model::Model;
 
@@ -40,6 +39,6 @@ pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String, Failure
         page.picture(&picture::axis(spec, name)?);
     }
     page.heading("Datums and reference lines");
-    page.lines(&gauge::lines(spec, true).iter().map(|line| micro(line)).collect::<Vec<_>>());
+    page.list(&gauge::lines(spec, true));
     Ok(page.finish())
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::super::Failure;
-use crate::files::write_text;
+use crate::files::write_model;
 use crate::numerals::micro;
 use volcomp_config as config;
 use volcomp_model::normalise;
@@ -42,6 +42,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     model.spec = gauged.spec;
     let name = args.file.file_name().unwrap_or_default().to_string_lossy();
     let comment = format!("Normal form of {name}, written by volcomp model normalise.");
-    write_text(&args.out, &config::model::write_file(&model, &[comment]))?;
+    write_model(&args.out, &config::model::write_file(&model, &[comment]))?;
     crate::exit::print(&report)
 }

@@ -4,6 +4,7 @@
 use std::fmt::{Display, Write as _};
 
 use super::chart::{Bar, Ink, bars};
+use crate::numerals::micro;
 use crate::report_page::Plot;
 
 /// Light, dark and print; the classes of charts are those of [`super::chart`], and pictures with colours of their own (attributes of
@@ -120,22 +121,22 @@ impl Page {
 
     /// A heading.
     pub fn heading(&mut self, words: impl Display) {
-        self.put(format_args!("<h2>{}</h2>\n", escape(&words.to_string())));
+        self.put(format_args!("<h2>{}</h2>\n", words_of(words)));
     }
 
     /// A heading that starts a sheet of paper.
     pub(crate) fn sheet(&mut self, words: impl Display) {
-        self.put(format_args!("<h2 class=\"sheet\">{}</h2>\n", escape(&words.to_string())));
+        self.put(format_args!("<h2 class=\"sheet\">{}</h2>\n", words_of(words)));
     }
 
     /// A paragraph.
     pub fn paragraph(&mut self, words: impl Display) {
-        self.put(format_args!("<p>{}</p>\n", escape(&words.to_string())));
+        self.put(format_args!("<p>{}</p>\n", words_of(words)));
     }
 
     /// The answer, in large print.
     pub fn lead(&mut self, words: impl Display) {
-        self.put(format_args!("<p class=\"lead\">{}</p>\n", escape(&words.to_string())));
+        self.put(format_args!("<p class=\"lead\">{}</p>\n", words_of(words)));
     }
 
     /// Markup as it is; the caller has escaped its words.
@@ -181,14 +182,14 @@ impl Page {
     pub(crate) fn list(&mut self, items: &[String]) {
         self.text.push_str("<ul>");
         for item in items {
-            self.put(format_args!("<li>{}</li>", escape(item)));
+            self.put(format_args!("<li>{}</li>", words_of(item)));
         }
         self.text.push_str("</ul>\n");
     }
 
     /// A remark in small print.
     pub fn note(&mut self, words: impl Display) {
-        self.put(format_args!("<p class=\"note\">{}</p>\n", escape(&words.to_string())));
+        self.put(format_args!("<p class=\"note\">{}</p>\n", words_of(words)));
     }
 
     /// Text whose lines stay as they are.
@@ -198,6 +199,7 @@ impl Page {
 
     /// A table; no head where `head` is empty. Short ones are not cut at the end of a sheet.
     pub(crate) fn table(&mut self, head: &[Cell], rows: &[Vec<Cell>]) {
+        self.text.push_str("<div class=\"scroll\">");
         self.text.push_str(if rows.len() <= 30 { "<table class=\"keep\">" } else { "<table>" });
         if !head.is_empty() {
             self.text.push_str("<thead>");
@@ -207,7 +209,7 @@ impl Page {
         for row in rows {
             self.row(row, false);
         }
-        self.text.push_str("</table>\n");
+        self.text.push_str("</table></div>\n");
     }
 
     /// Charts side by side where there is room.
@@ -263,13 +265,13 @@ impl Page {
 
     /// A picture with what it shows; `svg` is markup.
     pub(crate) fn figure(&mut self, svg: &str, caption: impl Display) {
-        let caption = escape(&caption.to_string());
-        self.put(format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
+        let caption = words_of(caption);
+        self.put(format_args!("{}{svg}<figcaption>{caption}</figcaption></figure>\n", figure_tag(svg)));
     }
 
     /// A picture without caption; `svg` is markup.
     pub(crate) fn picture(&mut self, svg: &str) {
-        self.put(format_args!("<figure>{svg}</figure>\n"));
+        self.put(format_args!("{}{svg}</figure>\n", figure_tag(svg)));
     }
 
     /// The finished page.
@@ -278,6 +280,24 @@ impl Page {
         self.text.push_str("</body></html>\n");
         self.text
     }
+}
+
+/// Height over width from which a picture takes half a sheet of paper.
+const TALL: f64 = 0.65;
+
+/// The start of a figure; a tall picture has more room on paper.
+fn figure_tag(svg: &str) -> &'static str {
+    let size = svg.split_once("viewBox=\"").and_then(|(_, rest)| rest.split_once('"')).map(|(size, _)| size);
+    let numbers: Vec<f64> = size.unwrap_or("").split(' ').filter_map(|n| n.parse().ok()).collect();
+    match numbers[..] {
+        [_, _, width, height] if height > TALL * width => "<figure class=\"tall\">",
+        _ => "<figure>",
+    }
+}
+
+/// Words of a sentence as markup, with units as a person writes them.
+fn words_of(words: impl Display) -> String {
+    escape(&micro(&words.to_string()))
 }
 
 /// Text of a file as a string of the style sheet: whatever could end the string or the sheet is left out.
@@ -313,6 +333,19 @@ mod tests {
         let text = page.finish();
         assert!(!text.contains("<x>") && text.matches("&lt;x&gt;").count() == 14, "{text}");
         assert_eq!(css_text("a\"}</style>\\\n\u{b5}"), "a}/style\u{b5}");
+    }
+
+    #[test]
+    fn wide_tables_scroll_and_tall_pictures_get_half_a_sheet() {
+        let mut page = Page::new("t");
+        page.table(&[], &[vec![Cell::text("a")]]);
+        page.picture("<svg viewBox=\"0 0 840 720\"></svg>");
+        page.picture("<svg viewBox=\"0 0 840 370\"></svg>");
+        page.note("5 um off");
+        let text = page.finish();
+        assert!(text.contains("<div class=\"scroll\"><table class=\"keep\">"), "{text}");
+        assert_eq!(text.matches("<figure class=\"tall\">").count(), 1, "{text}");
+        assert!(text.contains("<figure><svg") && text.contains("5 µm off"), "{text}");
     }
 
     #[test]

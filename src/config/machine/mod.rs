@@ -131,6 +131,17 @@ pub enum StartMode {
     OnConnect,
 }
 
+impl StartMode {
+    /// Its word in the machine file.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::OnCommand => "on-command",
+            Self::OnConnect => "on-connect",
+        }
+    }
+}
+
 /// One axis. Linear: mm; rotary: rad.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisConfig {

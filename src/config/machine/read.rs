@@ -215,7 +215,7 @@ fn at_least(section: &Section<'_>, key: &'static str, value: f64, floor: &str, l
 fn read_engine(engine: &Section<'_>, cycle_ms: f64, is_remote: bool) -> (StartMode, EngineConfig) {
     let stale_ms = engine.number_or("stale-ms", within(0.5, 10_000.0), 20.0);
     at_least(engine, "stale-ms", stale_ms, "two cycles", 2.0 * cycle_ms);
-    let starts = [("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)];
+    let starts = [StartMode::OnCommand, StartMode::OnConnect].map(|start| (start.name(), start));
     let start = engine.choice("start", &starts).unwrap_or_default();
     let config = EngineConfig {
         cycle_s: cycle_ms / 1e3,

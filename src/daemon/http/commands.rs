@@ -97,7 +97,8 @@ impl Commands {
         }
         let body = timeout(BODY_PATIENCE, to_bytes(body, limit)).await.map_err(|_| Refusal::Slow)?;
         let body = body.map_err(|_| Refusal::TooLong)?;
-        let ask: Ask = serde_json::from_slice(&body).map_err(|e| Refusal::NotUnderstood(e.to_string()))?;
+        let ask: Ask = serde_json::from_slice(&body)
+            .map_err(|e| Refusal::NotUnderstood(volcomp_config::with_nearest(&e.to_string())))?;
         if !ask.command.is_read_only() && ask.reason.as_ref().is_none_or(|reason| reason.trim().is_empty()) {
             return Err(Refusal::NoReason);
         }

@@ -25,6 +25,8 @@ const PIVOT_LIMIT: f64 = 100.0;
 const LONGEST_PERIOD: f64 = 1.2;
 /// Grid points per `1 / (N T)`, over which the sum of squares changes.
 const GRID_DENSITY: f64 = 10.0;
+/// Most grid points: a few seconds of work.
+const GRID_MAX: usize = 200_000;
 /// Minima of the grid that are followed.
 const MINIMA: usize = 3;
 /// Rounds in which each period is searched again with the others held.
@@ -156,6 +158,16 @@ fn place(
     Ok(vec![placed])
 }
 
+/// Points of the grid over which `order` harmonics of these periods are searched.
+fn grid_steps(order: usize, span: f64, [low, high]: [f64; 2]) -> usize {
+    ((GRID_DENSITY * order as f64 * span * (1.0 / low - 1.0 / high)) as usize).max(20)
+}
+
+/// True where the grid is fine enough to find every wave of one harmonic within these periods.
+pub(super) fn is_searchable(span: f64, range: [f64; 2]) -> bool {
+    grid_steps(1, span, range) <= GRID_MAX
+}
+
 /// The best periods beside those already placed, with their sums of squares on the coarse data.
 fn search(coarse: &Data, shape: &Shape, placed: &[f64], [low, high]: [f64; 2]) -> Vec<(f64, f64)> {
     let span = shape.range[1] - shape.range[0];
@@ -166,7 +178,7 @@ fn search(coarse: &Data, shape: &Shape, placed: &[f64], [low, high]: [f64; 2]) -
         trial.periods[last] = 1.0 / frequency;
         sum_of_squares(coarse, &trial)
     };
-    let steps = ((GRID_DENSITY * shape.order as f64 * span * (1.0 / low - 1.0 / high)) as usize).max(20);
+    let steps = grid_steps(shape.order, span, [low, high]).min(GRID_MAX);
     let frequency = |i: usize| 1.0 / high + (1.0 / low - 1.0 / high) * i as f64 / steps as f64;
     let grid: Vec<f64> = (0..=steps).map(|i| sse(frequency(i))).collect();
     let mut minima: Vec<usize> = (0..=steps)

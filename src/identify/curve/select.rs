@@ -107,8 +107,9 @@ fn screw_wave(data: &Data, request: &Request, best: &CurveFit) -> Option<CurveFi
     let shortest = COMMON_PITCHES.into_iter().fold(f64::INFINITY, f64::min);
     let [longest, _] = periods::period_range(positions, 1);
     let low = PITCH_MARGIN * shortest;
-    let tellable = (positions[positions.len() - 1] - positions[0]) * (1.0 / low - 1.0 / longest);
-    if tellable < 1.0 {
+    let span = positions[positions.len() - 1] - positions[0];
+    let tellable = span * (1.0 / low - 1.0 / longest);
+    if tellable < 1.0 || !periods::is_searchable(span, [low, longest]) {
         return None;
     }
     let wave = Request { order: Some(1), period: Period::Within([low, longest]), ..request.clone() };

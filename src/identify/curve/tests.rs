@@ -271,3 +271,11 @@ fn unequal_targets_show_the_wave_of_a_screw_and_equal_ones_a_table() {
     // values that have nothing to do with each other are no wave
     assert_eq!(tested(&unequal, &|i, _| 2e-3 * noise(7000 + i)).basis, Basis::Table);
 }
+
+#[test]
+fn a_position_far_from_all_others_takes_no_longer() {
+    let mut x = grid(21, 20.0);
+    x.push(1e9);
+    let all = readings(&x, |i, x| 1e-3 * (x / 70.0).sin() + 1e-4 * noise(i));
+    assert!(fit(&all, &Request::default()).is_ok());
+}

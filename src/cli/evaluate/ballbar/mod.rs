@@ -127,6 +127,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             "some tests have a day and some have none; give it for all, such as 2026-03-12=xy.csv"
         ));
     }
+    args.setup.note_centre();
     let mut tests = data.iter().map(|of| Test::read(args, of)).collect::<Result<Vec<_>, _>>()?;
     tests.sort_by_key(|t| t.day);
     let Some(newest) = tests.last() else { return Ok(()) };
@@ -146,7 +147,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             let shown = shown(newest, circle);
             drawing::whole(title, &[("", shown)], drawing::scale([&shown]))
         },
-        || report::page(title, &judged, &tests),
+        || report::page(title, &judged, &tests, args.setup.centre_mm.is_some()),
         || json_of(&tests, &judged),
         || {
             print(&newest.plan);

@@ -1,13 +1,13 @@
 //! The page of a ballbar test: head, polar plot, causes by rank with remedy, trend.
 
-use super::trend::{COVERAGE, Trend, decimals_of};
+use super::trend::Trend;
 use super::{Test, shown};
 use crate::Failure;
 use crate::acceptance::verdicts::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
 use crate::identify::ballbar::report::{
-    Feature, features, note_text, reason_text, roundness, unit_text, widest,
+    Feature, confounded, features, note_text, reason_text, roundness, unit_of, widest, with_limits,
 };
 use crate::numerals::{counted, plain};
 use crate::report::{Page, Table};
@@ -36,15 +36,6 @@ pub(super) fn named(effect: Effect, plane: Plane) -> (String, &'static str) {
     }
 }
 
-/// Unit of a value, as a person writes it.
-pub(super) fn unit_of(f: &Feature) -> &'static str {
-    match unit_text(f.unit) {
-        "um" => "µm",
-        "um/m" => "µm/m",
-        other => other,
-    }
-}
-
 /// A value with its expanded uncertainty and the end of travel where it holds.
 fn value(f: &Feature) -> String {
     let end = match f.name.as_str() {
@@ -52,23 +43,30 @@ fn value(f: &Feature) -> String {
         n if n.ends_with("_NEG") => "at the negative end ",
         _ => "",
     };
-    let u = COVERAGE * f.std;
-    let decimals = decimals_of(u);
-    format!("{end}{} ± {u:.decimals$} {}", plain(f.value, decimals), unit_of(f))
+    format!("{end}{} {}", with_limits(f.value, f.std), unit_of(f))
 }
 
-pub(super) fn page(title: &str, judged: &Judged, tests: &[Test]) -> Result<String, Failure> {
+pub(super) fn page(
+    title: &str,
+    judged: &Judged,
+    tests: &[Test],
+    is_centre_stated: bool,
+) -> Result<String, Failure> {
     let Some(newest) = tests.last() else { return Ok(String::new()) };
     let origins: Vec<Origin> = tests.iter().map(|t| Origin::of(&t.label, &t.plan.path)).collect();
     let (plane, circles) = (newest.plan.circles.plane, &newest.circles);
     let feeds: Vec<String> = circles.iter().filter_map(|c| c.feed).map(|f| format!("{f:.0}")).collect();
     let [x, y] = newest.plan.analysis.offset.map(|(v, _)| um_from_mm(v));
     let [cx, cy] = newest.plan.circles.centre;
+    let assumed = if is_centre_stated { "" } else { " (assumed)" };
     let [a, b] = plane.axes();
     let facts = [
         (
             "plane",
-            format!("{a}{b}, centre at {a} {cx} mm, {b} {cy} mm, radius {} mm", newest.plan.circles.radius),
+            format!(
+                "{a}{b}, centre at {a} {cx} mm, {b} {cy} mm{assumed}, radius {} mm",
+                newest.plan.circles.radius
+            ),
         ),
         ("feeds", if feeds.is_empty() { "not stated".to_owned() } else { feeds.join(", ") + " mm/min" }),
         ("readings", counted(newest.plan.circles.samples.len(), "reading")),
@@ -120,8 +118,8 @@ fn causes(page: &mut Page, test: &Test) {
     page.note("Share: range that the cause alone adds to the circle, of the sum of all.");
     let rows = significant().enumerate().map(|(i, e)| {
         let (name, remedy) = named(e.effect, plane);
-        let [adds, u] = [e.contribution, COVERAGE * e.contribution_std].map(um_from_mm);
-        [format!("{}. {name}", i + 1), format!("{} ± {u:.2}", plain(adds, 2)), values(e), remedy.to_owned()]
+        let [adds, std] = [e.contribution, e.contribution_std].map(um_from_mm);
+        [format!("{}. {name}", i + 1), with_limits(adds, std), values(e), remedy.to_owned()]
     });
     let table = Table::new(["cause", ">adds to the circle / µm", "value, U (k = 2)", "remedy"]).rows(rows);
     if !table.is_empty() {
@@ -140,10 +138,11 @@ fn causes(page: &mut Page, test: &Test) {
             "Circular error of all readings {all:.2} µm; {rest:.2} µm of the residuals, which no cause explains."
         ));
     }
-    for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
-        let others = e.confounded.iter().map(|(o, c)| format!("{} (correlation {c:.2})", name(*o)));
-        let (name, others) = (name(e.effect), others.collect::<Vec<_>>().join(", "));
-        page.note(format_args!("Confounded: {name} is strongly correlated with {others} in these data."));
+    for (one, other, c) in confounded(a) {
+        let (one, other) = (name(one), name(other));
+        page.note(format_args!(
+            "Confounded: {one} and {other} are strongly correlated in these data ({c:.2})."
+        ));
     }
     for (effect, reason) in &a.missing {
         page.note(format_args!("Not determined: {}: {}.", name(*effect), reason_text(reason, plane)));

@@ -3,20 +3,12 @@
 use serde_json::{Value, json};
 
 use super::Test;
-use super::report::{named, unit_of};
-use crate::identify::ballbar::report::{Feature, features};
+use super::report::named;
+use crate::identify::ballbar::report::{COVERAGE, Feature, decimals_of, features, unit_of};
 use crate::numerals::plain;
 use crate::report::Table;
 use volcomp_identify::ballbar::Effect;
 use volcomp_units::um_from_mm;
-
-/// Coverage factor.
-pub(super) const COVERAGE: f64 = 2.0;
-
-/// Decimals that show two significant figures of an uncertainty, four at most.
-pub(super) fn decimals_of(u: f64) -> usize {
-    (1.0 - u.max(1e-9).log10().floor()).clamp(0.0, 4.0) as usize
-}
 
 /// One quantity over the tests.
 pub(super) struct Course {

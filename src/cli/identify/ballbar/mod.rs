@@ -67,9 +67,9 @@ pub(crate) struct SetUp {
     /// Nominal length of the ballbar.
     #[arg(long, value_name = "MM")]
     radius_mm: f64,
-    /// Programmed X, Y, Z at the centre of the circles.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,0,0")]
-    centre_mm: Vec3,
+    /// Programmed X, Y, Z at the centre of the circles; default: 0,0,0, with a note.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub(crate) centre_mm: Option<Vec3>,
     /// Feed, where the files have no column for it.
     #[arg(long, value_name = "MM/MIN")]
     feed_mm_per_min: Option<f64>,
@@ -85,6 +85,22 @@ pub(crate) struct SetUp {
     /// Time from a reversal to the peak of its spike; default: fitted.
     #[arg(long, value_name = "MS")]
     spike_ms: Option<f64>,
+}
+
+impl SetUp {
+    /// Programmed position of the centre.
+    fn centre(&self) -> Vec3 {
+        self.centre_mm.unwrap_or_else(Vec3::zeros)
+    }
+
+    /// Says that the centre is not stated.
+    pub(crate) fn note_centre(&self) {
+        if self.centre_mm.is_none() {
+            note!(
+                "note: no --centre-mm given: the centre of the circles is taken as X 0, Y 0, Z 0; errors of place are placed about it"
+            );
+        }
+    }
 }
 
 fn plane_file(text: &str) -> Result<(Plane, PathBuf), String> {
@@ -120,7 +136,7 @@ impl Plan {
     pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path, known: Option<&Known>) -> Result<Self> {
         let mut circles = read(setup, plane, path)?;
         if let Some(known) = known {
-            known.subtract(&mut circles, setup.centre_mm).map_err(|e| Failure::data(path, e))?;
+            known.subtract(&mut circles, setup.centre()).map_err(|e| Failure::data(path, e))?;
         }
         let analysis = analyse(&circles, &request(setup, plane)).map_err(|e| Failure::data(path, e))?;
         Ok(Self { path: path.to_owned(), circles, analysis })
@@ -181,6 +197,7 @@ impl Method for Args {
                 return Err(Failure::usage(what));
             }
         }
+        self.setup.note_centre();
         let known = self.out.into.as_deref().map(Known::read).transpose()?.flatten();
         let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path, known.as_ref());
         let plans = data.iter().map(read).collect::<Result<_, _>>()?;
@@ -281,7 +298,7 @@ fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
         .unzip();
     with_direction(path, &lines, &samples)?;
     let samples = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
-    let centre = plane.axes().map(|a| args.centre_mm[a.direction()]);
+    let centre = plane.axes().map(|a| args.centre()[a.direction()]);
     Ok(Circles { plane, radius: args.radius_mm, centre, samples })
 }
 

@@ -3,7 +3,8 @@
 use serde_json::{Value, json};
 
 use super::Plan;
-use crate::numerals::{counted, plain, small};
+use crate::numerals::{counted, micro, plain, small};
+use crate::report::Table;
 use crate::units::or_dash;
 use volcomp_evaluate::{Centring, CircularReading, Circularity};
 use volcomp_identify::ballbar::{
@@ -226,25 +227,22 @@ pub(crate) fn print(plan: &Plan) {
             [Some(widest(c)), c.g_forward, c.g_backward, round.residual.as_ref().map(widest)]
                 .map(|v| or_dash(v.map(um), 2));
         say!(
-            "bidirectional circular error G(b) {all} um (G counter-clockwise {left}, clockwise {right}); {residual} um without the effects below"
+            "bidirectional circular error G(b) {all} µm (G counter-clockwise {left}, clockwise {right}); {residual} µm without the effects below"
         );
     }
-    let [(x, sx), (y, sy)] = a.offset.map(|(v, s)| (plain(um(v), 2), um(s)));
-    say!("centre offset {x} +- {sx:.2}, {y} +- {sy:.2} um; rms left over {:.3} um", um(a.sigma));
-    say!("rank effect                   adds/um   share  values (k = 1)                    unit  ");
-    for (i, e) in a.estimates.iter().enumerate() {
-        let features = features(a, e);
-        let unit = features.first().map_or("", |f| unit_text(f.unit));
-        let values = features.iter().map(value_text).collect::<Vec<_>>().join(", ");
-        let mark = if e.significant { "" } else { "  not significant" };
-        let (rank, effect, share) = (i + 1, name(e.effect), 100.0 * e.share);
-        let [adds, std] = [e.contribution, e.contribution_std].map(um);
-        say!("{rank:>4} {effect:<20}{adds:>6.2}+-{std:<4.2}{share:>7.1}%  {values:<34}{unit:<6}{mark}");
-    }
-    for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
-        let other = |(o, c): &(Effect, f64)| format!("{} (correlation {c:.2})", name(*o));
-        let others: Vec<String> = e.confounded.iter().map(other).collect();
-        note!("note: {} is strongly correlated with {}", name(e.effect), others.join(", "));
+    let [x, y] = a.offset.map(|(v, std)| with_limits(um(v), um(std)));
+    say!("centre offset {x} and {y} µm; residual {:.3} µm RMS", um(a.sigma));
+    let rows = a.estimates.iter().enumerate().map(|(i, e)| {
+        let values: Vec<String> = features(a, e).iter().map(value_text).collect();
+        let adds = with_limits(um(e.contribution), um(e.contribution_std));
+        let mark = if e.significant { "" } else { "not significant" };
+        let share = format!("{:.1} %", 100.0 * e.share);
+        [(i + 1).to_string(), name(e.effect), adds, share, values.join(", "), mark.to_owned()]
+    });
+    Table::new([">rank", "effect", ">adds / µm", ">share", "value", ""]).rows(rows).print();
+    say!("± expanded uncertainty, k = 2; share: of what all effects add to the circle");
+    for (one, other, c) in confounded(a) {
+        note!("note: {} and {} are strongly correlated ({c:.2})", name(one), name(other));
     }
     for (effect, reason) in &a.missing {
         note!("note: {}: {}", name(*effect), reason_text(reason, a.plane));
@@ -261,13 +259,47 @@ pub(crate) fn print(plan: &Plan) {
     say!();
 }
 
+/// Pairs of effects that these data hardly separate, each once, with their correlation.
+pub(crate) fn confounded(a: &Analysis) -> Vec<(Effect, Effect, f64)> {
+    let mut pairs: Vec<(Effect, Effect, f64)> = Vec::new();
+    for e in &a.estimates {
+        for (other, c) in &e.confounded {
+            if !pairs.iter().any(|(one, two, _)| *one == *other && *two == e.effect) {
+                pairs.push((e.effect, *other, *c));
+            }
+        }
+    }
+    pairs
+}
+
+/// Coverage factor of the uncertainties of a report.
+pub(crate) const COVERAGE: f64 = 2.0;
+
+/// Decimals that show two significant figures of an uncertainty, four at most.
+pub(crate) fn decimals_of(u: f64) -> usize {
+    (1.0 - u.max(1e-9).log10().floor()).clamp(0.0, 4.0) as usize
+}
+
+/// A value with its expanded uncertainty.
+pub(crate) fn with_limits(value: f64, std: f64) -> String {
+    let u = COVERAGE * std;
+    let decimals = decimals_of(u);
+    format!("{} ± {u:.decimals$}", plain(value, decimals))
+}
+
+/// Unit of a value, as a person writes it.
+pub(crate) fn unit_of(f: &Feature) -> String {
+    micro(unit_text(f.unit))
+}
+
+/// A value with its expanded uncertainty, its unit and the end of travel where it holds.
 fn value_text(f: &Feature) -> String {
     let end = if f.name.ends_with("_POS") {
-        "+ "
+        "positive end "
     } else if f.name.ends_with("_NEG") {
-        "- "
+        "negative end "
     } else {
         ""
     };
-    format!("{end}{}+-{:.3}", plain(f.value, 3), f.std)
+    format!("{end}{} {}", with_limits(f.value, f.std), unit_of(f))
 }

@@ -247,7 +247,7 @@ fn print(found: &ToolAxis, stated: bool) {
     for (k, c) in found.circles.iter().enumerate() {
         let ([x, y, z], arc): ([f64; 3], _) = (c.centre.into(), c.arc.to_degrees());
         let [radial, axial] = [c.rms_radial, c.rms_axial].map(um_from_mm);
-        say!(
+        say_text!(
             "circle {}: centre ({x:.4} {y:.4} {z:.4}) mm, radius {:.4} mm, {} points over {arc:.0} deg, rms {radial:.2} um radial, {axial:.2} um axial",
             k + 1,
             c.radius,
@@ -258,10 +258,10 @@ fn print(found: &ToolAxis, stated: bool) {
     let [dl, dh] = found.direction_std().map(arcsec_from_rad);
     let [tl, th] = found.tip_lateral_std().map(um_from_mm);
     let origin = if stated { "stated" } else { "from the residuals" };
-    say!("noise of a coordinate: {:.2} um ({origin})", um_from_mm(found.sigma));
+    say_text!("noise of a coordinate: {:.2} um ({origin})", um_from_mm(found.sigma));
     say!("axis ({:.9} {:.9} {:.9}), +- {dl:.2} to {dh:.2} arcsec (k=1)", d.x, d.y, d.z);
     say!("  off the nominal one by a rotation of {:+.2} {:+.2} {:+.2} arcsec about x y z", e.x, e.y, e.z);
-    say!("tip ({:.4} {:.4} {:.4}) mm, across the axis +- {tl:.2} to {th:.2} um (k=1)", t.x, t.y, t.z);
+    say_text!("tip ({:.4} {:.4} {:.4}) mm, across the axis +- {tl:.2} to {th:.2} um (k=1)", t.x, t.y, t.z);
     if found.registration_share > 0.0 {
         let share = arcsec_from_rad(found.registration_share);
         say!("  of it from the offset between the frames: {share:.2} arcsec");
@@ -270,7 +270,7 @@ fn print(found: &ToolAxis, stated: bool) {
     let turn = joint.direction.cross(&found.direction).norm();
     let [axis, turn] = [joint.direction_std, turn].map(arcsec_from_rad);
     let [tip, shift] = [joint.tip_lateral_std, (joint.tip - found.tip).norm()].map(um_from_mm);
-    say!(
+    say_text!(
         "fitted as two coaxial circles: axis +- {axis:.2} arcsec, tip +- {tip:.2} um, {turn:.2} arcsec and {shift:.2} um from the above"
     );
     if let Some(p) = joint.p_value.filter(|p| *p < SIGNIFICANT) {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::Args;
 use crate::Result;
-use crate::files::write_text;
+use crate::files::continue_text;
 use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, axis_entry, default_chain, put};
 use volcomp_identify::circles::ToolAxis;
@@ -37,7 +37,7 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<()>
         "{},{c},{a},{:.4},{:.4},{:.4},{:.5},{:.5},{:.5}\n",
         args.z_mm, dp.x, dp.y, dp.z, da.x, da.y, da.z
     ));
-    write_text(path, &text)?;
+    continue_text(Some(path), path, &text)?;
     note!("pose added: {}", path.display());
     Ok(())
 }

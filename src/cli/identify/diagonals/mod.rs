@@ -430,7 +430,7 @@ impl Found for Outcome<'_> {
         for (i, name) in NAMES.iter().enumerate() {
             let [measured, model] = [ends.displacement[i], self.subtracted[i]].map(um);
             let (closure, runs) = (or_dash(ends.closure[i].map(um), 2), ends.runs[i]);
-            say!("{name:<10}{measured:>13.2} um{model:>13.2} um{closure:>9} um{runs:>8}");
+            say_text!("{name:<10}{measured:>13.2} um{model:>13.2} um{closure:>9} um{runs:>8}");
         }
         say!();
         say!("error           arcsec   std (k = 1)   95 % interval   without subtraction");
@@ -447,9 +447,9 @@ impl Found for Outcome<'_> {
             say!("{symbol:<10}{value:>12.2}{std:>14}{half:>16}{raw:>22.2}{verdict}");
         }
         say!();
-        say!("common part (positioning and scale of the laser) {:.2} um", um(self.found.common));
+        say_text!("common part (positioning and scale of the laser) {:.2} um", um(self.found.common));
         if let Some(std) = ends.run_std {
-            say!("one displacement repeats to {:.2} um ({} degrees of freedom)", um(std), ends.dof);
+            say_text!("one displacement repeats to {:.2} um ({} degrees of freedom)", um(std), ends.dof);
         }
         if let Some(bound) = self.bound {
             let names = names_of(&self.missing);
@@ -472,7 +472,7 @@ impl Found for Outcome<'_> {
                 format!("; expected {:.2} um, p {:.3}: {verdict}", um(t.expected_rms), t.p_value)
             },
         );
-        say!("steps between the ends differ from the model by {:.2} um rms{verdict}", um(steps.rms));
+        say_text!("steps between the ends differ from the model by {:.2} um rms{verdict}", um(steps.rms));
     }
 
     fn warn(&self) {

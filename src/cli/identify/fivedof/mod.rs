@@ -300,7 +300,7 @@ impl Found for Outcome<'_> {
             (true, true) => "within the noise",
             (true, false) => "MORE than the noise: the carriage bends, or the drift correction is wrong",
         };
-        say!(
+        say_text!(
             "corner cubes against each other: {rms:.3} um rms, the noise explains {expected:.3} um: {verdict}"
         );
         self.check.iter().for_each(DriftCheck::print);

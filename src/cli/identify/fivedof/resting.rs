@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::head_file::HeadFile;
 use super::{Args, channel_columns, read_channels, see_help};
-use crate::files::write_text;
+use crate::files::continue_text;
 use crate::identify::columns;
 use crate::input::{self, InputKind};
 use crate::{Failure, Result};
@@ -43,7 +43,7 @@ pub(super) fn calibrated(
         None => name,
     });
     if let Some(out) = &args.write_calibration {
-        write_text(out, &file.text(Some(&calibration)))?;
+        continue_text(args.calibration.as_deref(), out, &file.text(Some(&calibration)))?;
         note!("calibration written: {}", out.display());
     }
     Ok(calibration)

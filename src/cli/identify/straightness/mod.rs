@@ -13,7 +13,7 @@ use super::case::{CaseArgs, CaseFile};
 use super::columns::{self, Column, Columns, RunColumns};
 use super::method::{Found, Front, Method, printed};
 use crate::arg_parsers::{linear_axis, point};
-use crate::files::write_text;
+use crate::files::continue_text;
 use crate::numerals::hull;
 use crate::units::{Units, column, key};
 use crate::{EX_CONFIG, Failure, Result};
@@ -85,7 +85,7 @@ impl Method for Args {
             for (name, line) in &lines {
                 let [intercept, straightness] = [line.intercept, line.straightness].map(um_from_mm);
                 let slope = arcsec_from_rad(line.slope);
-                say!("{name:<14}{slope:>11.3} \"{intercept:>15.3} um{straightness:>15.3} um");
+                say_text!("{name:<14}{slope:>11.3} \"{intercept:>15.3} um{straightness:>15.3} um");
             }
         }))
     }
@@ -227,7 +227,7 @@ fn confirm(args: &Args, axis: AxisName, file: &mut SignFile, found: &[Option<Til
         );
     }
     if let Some(path) = &args.write_signs {
-        write_text(path, &file.text())?;
+        continue_text(args.signs.as_deref(), path, &file.text())?;
         note!("sign table written: {}", path.display());
     }
     Ok(())

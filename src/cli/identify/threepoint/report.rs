@@ -86,7 +86,10 @@ impl Report for Threepoint {
         }
         if let Some(registered) = &self.frame.registered {
             registered.print();
-            say!("  at the reference point it means up to {:.2} um (k=1)", um_from_mm(registered.std_at(&r)));
+            say_text!(
+                "  at the reference point it means up to {:.2} um (k=1)",
+                um_from_mm(registered.std_at(&r))
+            );
         }
         say!(
             "points: rms radius {:.1} mm, {:.1} mm off their line; condition {:.1} at the platform origin, {:.1} at the centroid; rotation about the line {:.1} times less certain than across",
@@ -103,7 +106,7 @@ impl Report for Threepoint {
                     "rigidity: chi2 {chi2:.1}, {dof} degrees of freedom, p {p:.3}, noise {factor:.2} times the stated one: {verdict}"
                 );
             }
-            (_, Some(sigma)) => say!(
+            (_, Some(sigma)) => say_text!(
                 "rigidity: no noise stated; the residuals say {:.2} um per coordinate ({dof} degrees of freedom)",
                 um_from_mm(sigma)
             ),
@@ -111,7 +114,7 @@ impl Report for Threepoint {
         }
         let (shift, turn) = self.linear_against_rigid();
         let (shift, turn) = (um_from_mm(shift), arcsec_from_rad(turn));
-        say!("linear against rigid fit: at most {shift:.4} um, {turn:.5} arcsec");
+        say_text!("linear against rigid fit: at most {shift:.4} um, {turn:.5} arcsec");
         say!();
     }
 
@@ -170,7 +173,7 @@ pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
         say!("{side:<24}{poses:>7}{mean:>14.3}{std:>12.3}{peak_to_peak:>16.3}");
     }
     let sigma = um_from_mm(sides.sigma);
-    say!("noise of one coordinate over {poses} poses: {sigma:.1} um (k=1), if the body is rigid");
+    say_text!("noise of one coordinate over {poses} poses: {sigma:.1} um (k=1), if the body is rigid");
     match sides.suspect {
         Some((i, lead)) => {
             let (name, times) = (&names[i], lead.min(1e9));

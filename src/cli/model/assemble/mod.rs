@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use input::Loaded;
 
-use crate::files::write_text;
+use crate::files::write_model;
 use crate::{EX_DATAERR, Failure};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
@@ -76,7 +76,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let file = model_file(args, &loaded, &done);
     let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
     let comment = format!("Assembled from {} by volcomp model assemble.", names.join(", "));
-    write_text(&args.out, &config::model::write_file(&file, &[comment]))?;
+    write_model(&args.out, &config::model::write_file(&file, &[comment]))?;
     note!("model written: {}", args.out.display());
     if args.out.as_os_str() == "-" {
         return Ok(());

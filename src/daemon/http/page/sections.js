@@ -80,7 +80,7 @@ export function showVerification(found, status) {
   if (v) {
     const unit = micro(v.unit);
     const band = v.reduction_u95 === null ? "" : " ± " + number(100 * v.reduction_u95, 1);
-    const share = v.reduction === null ? "" : ", " + number(100 * v.reduction, 1) + band + " % less";
+    const share = v.reduction === null ? "" : ", " + number(Math.abs(100 * v.reduction), 1) + band + (v.reduction < 0 ? " % more" : " % less");
     byId("verification").textContent = v.date + ", " + v.instrument + ": " + v.title + ", RMS " + number(v.rms[0], 1) + " → "
       + number(v.rms[1], 1) + " " + unit + share;
     byId("verification-note").textContent = v.model_hash === null ? "Which model compensated the machine then is not stated."
@@ -198,7 +198,7 @@ export function showSensors(status) {
 export function showEvents(status) {
   const lasting = new Set([...status.faults, ...status.recent.warnings.filter((w) => w.present)].map((w) => w.code));
   const over = (event) => event.severity !== "notice" && !lasting.has(event.code);
-  const key = JSON.stringify(status.events.map((e) => [e.time, e.code, e.count, over(e)]));
+  const key = JSON.stringify(status.events.map((e) => [e.time, e.last_time, e.code, e.count, over(e)]));
   if (key === lastEvents && byId("events").children.length) return;
   const open = new Set([...document.querySelectorAll("#events details[open]")].map((d) => d.dataset.key));
   const focused = document.activeElement && document.activeElement.closest("#events details");
@@ -214,7 +214,10 @@ export function showEvents(status) {
     details.dataset.key = event.time + event.code;
     details.open = open.has(details.dataset.key);
     const summary = element("summary");
-    const time = element("time", event.time.slice(11, 19) + " UTC");
+    const last = event.last_time || event.time;
+    const clock = (text) => text.slice(11, 19);
+    const span = clock(last) === clock(event.time) ? clock(last) : clock(event.time) + " to " + clock(last);
+    const time = element("time", span + " UTC");
     time.dateTime = event.time;
     summary.append(time, " ", element("span", event.code + " " + event.severity, "code " + event.severity), " ",
       known.text || event.name);

@@ -130,7 +130,8 @@ export function showAxes(status) {
       min: 0, max: limits.limit, low: limits.warning, high: limits.limit, optimum: 0, value: Math.abs(sent ?? 0),
     });
     const small = row.querySelector("small");
-    small.replaceChildren("applied " + number(applied, 1) + ", warning " + number(limits.warning, 0) + ", limit " + number(limits.limit, 0));
+    small.replaceChildren("applied " + number(applied, 1) + ", warning " + number(limits.warning, 0) + ", limit " + number(limits.limit, 0)
+      + " " + micro(unit));
     const marks = [[status.limited, "LIMITED"], [status.lagging, "BEHIND"], [status.warning, "WARNING"], [status.out_of_range, "OUT OF RANGE"]];
     for (const [axes, word] of marks) {
       if (axes.includes(axis)) small.append(" ", element("span", word, "alarm"));
