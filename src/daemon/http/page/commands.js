@@ -207,6 +207,8 @@ byId("unlock").addEventListener("submit", unlock);
 byId("order").addEventListener("submit", submit);
 byId("cancel").addEventListener("click", close);
 byId("dialog").addEventListener("close", () => {
+  // the event of a dialog that has been opened again since
+  if (byId("dialog").open) return;
   order = null;
   if (opener && !byId("buttons").hidden) opener.focus();
 });
