@@ -28,12 +28,16 @@ pub(super) fn file(raw: &Raw) -> Result<Vec<Note>, SessionError> {
         let remedy = "at least one commanded position, such as x_mm or c_deg, is needed";
         return Err(SessionError::Missing { file: raw.file.clone(), column: "x_mm", remedy });
     }
-    for column in ["t_s", "setup", "run", "repeat", "u_x", "u_y", "u_z"] {
-        never_empty(raw, column)?;
+    for column in ["t_s", "setup", "run", "repeat"] {
+        never_empty(raw, column, &|_| true)?;
+    }
+    // a lost reading looked nowhere
+    for column in ["u_x", "u_y", "u_z"] {
+        never_empty(raw, column, &|i| !is_lost(raw, i))?;
     }
     for axis in Axis::ALL {
         if raw.column(&axis.column()).is_some() {
-            never_empty(raw, &axis.column())?;
+            never_empty(raw, &axis.column(), &|_| true)?;
         }
     }
     whole(raw)?;
@@ -96,8 +100,14 @@ fn travel(raw: &Raw) -> Result<(), SessionError> {
     Ok(())
 }
 
-fn never_empty(raw: &Raw, column: &str) -> Result<(), SessionError> {
-    let empty = raw.column(column).and_then(|c| c.iter().position(|v| !v.is_finite()));
+/// True for a row without a deviation.
+fn is_lost(raw: &Raw, row: usize) -> bool {
+    raw.column("deviation_um").is_some_and(|d| !d[row].is_finite())
+}
+
+fn never_empty(raw: &Raw, column: &str, matters: &dyn Fn(usize) -> bool) -> Result<(), SessionError> {
+    let values = raw.column(column).unwrap_or(&[]);
+    let empty = (0..values.len()).find(|i| !values[*i].is_finite() && matters(*i));
     empty.map_or(Ok(()), |i| {
         Err(SessionError::Empty { file: raw.file.clone(), line: raw.lines[i], column: column.to_owned() })
     })
@@ -141,7 +151,7 @@ fn directions(raw: &Raw) -> Result<(), SessionError> {
     let (Some(x), Some(y), Some(z)) = (raw.column("u_x"), raw.column("u_y"), raw.column("u_z")) else {
         return Ok(());
     };
-    for i in 0..raw.len() {
+    for i in (0..raw.len()).filter(|i| !is_lost(raw, *i)) {
         let length = (x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt();
         if !(0.95..=1.05).contains(&length) {
             return Err(SessionError::NotUnit { file: raw.file.clone(), line: raw.lines[i], length });

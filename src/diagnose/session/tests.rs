@@ -421,3 +421,14 @@ fn the_last_target_of_a_standard_cycle_is_read_from_both_sides() {
     let twice = [0.0, 0.0, 10.0, 10.0, 20.0, 20.0, 10.0, 10.0];
     assert_eq!(direction(&twice), [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0]);
 }
+
+#[test]
+fn a_lost_reading_needs_no_direction_and_one_that_was_taken_does() {
+    let whole = with(|r| {
+        for name in ["deviation_um", "u_x", "u_y", "u_z"] {
+            column(r, name)[3] = f64::NAN;
+        }
+    });
+    assert!(whole.contains("1 of 40 readings are lost"), "{whole}");
+    assert!(with(|r| column(r, "u_y")[3] = f64::NAN).contains("s.csv:5: u_y is empty"));
+}
