@@ -203,15 +203,20 @@ impl Data {
         self.sources.iter().filter_map(move |e| Some((&e.0, of(e)?)))
     }
 
-    /// True for the temperature of a spindle, by its name or by its course.
+    /// True for the temperature of a spindle, by its name, or by its course where its name does not say air.
     pub(crate) fn is_of_spindle(&self, source: &Source) -> bool {
-        names(source, &["spindle"]) || self.follow_spindle.contains(source)
+        is_spindle(source) || self.follow_spindle.contains(source) && !names(source, &AIR)
     }
 
     /// Temperatures of the air that change.
     pub(crate) fn air(&self) -> impl Iterator<Item = &Source> {
         self.temperatures().map(|t| t.0).filter(|s| names(s, &AIR))
     }
+}
+
+/// True for the temperature of a spindle by its name.
+pub(crate) fn is_spindle(source: &Source) -> bool {
+    names(source, &["spindle"])
 }
 
 fn names(source: &Source, words: &[&str]) -> bool {

@@ -28,7 +28,11 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison, left: &HeldOut) -> Vec<Asse
                 same.push(l);
             }
         }
-        same.extend(a.library.behind(&a.library.variants[x.variant].shape).cloned());
+        let shape = &a.library.variants[x.variant].shape;
+        same.extend(a.library.behind(shape).cloned());
+        // from which line a table is counted is a choice
+        let scale = shape.holds_scale_of().map(|axis| Label::new("scale", axis));
+        same.extend(scale.filter(|l| a.library.labels.contains(l) && !same.contains(l)));
         let relative = |(r, p): &(usize, f64)| (label(*r), p / x.probability.max(f64::MIN_POSITIVE));
         Evidence {
             variant: x.variant,

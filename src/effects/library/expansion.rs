@@ -1,6 +1,6 @@
 //! Thermal expansion of screws and scales.
 
-use crate::data::Hidden;
+use crate::data::{Hidden, is_spindle};
 use crate::extend::expansion;
 use crate::prelude::*;
 
@@ -11,9 +11,9 @@ pub(super) fn thermal_expansion(data: &Data, of: &Subject) -> Variants {
         return Ok(Vec::new());
     }
     // the spindle's own temperature says nothing of a scale where others are logged
-    let others = data.temperatures().any(|(s, _)| !data.is_of_spindle(s));
+    let others = data.temperatures().any(|(s, _)| !is_spindle(s));
     let mut shapes = Vec::new();
-    for (source, first) in data.temperatures().filter(|(s, _)| !others || !data.is_of_spindle(s)) {
+    for (source, first) in data.temperatures().filter(|(s, _)| !others || !is_spindle(s)) {
         let signal = Signal::of(source.clone(), 0.0);
         let kinds = [(REFERENCE_DEGC, false), (first, false), (REFERENCE_DEGC, true)];
         shapes.extend(kinds.map(|(reference_degc, with_offset)| {

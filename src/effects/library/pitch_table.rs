@@ -244,3 +244,16 @@ impl Form for RotaryTable {
         true
     }
 }
+
+impl Shape {
+    /// The axis whose scale the slope of a table of values may be, where the table is not counted from its line.
+    #[must_use]
+    pub const fn holds_scale_of(&self) -> Option<Axis> {
+        let (axis, process) = match self {
+            Self::PitchTable(t) => (t.axis, t.process),
+            Self::RotaryTable(t) => (t.frame.axis, t.process),
+            _ => return None,
+        };
+        if process.is_from_line() { None } else { Some(axis) }
+    }
+}
