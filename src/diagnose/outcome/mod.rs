@@ -14,7 +14,7 @@ mod views;
 
 use super::addition::Addition;
 use super::assessment::assess;
-use super::constants::{LISTED, LITTLE, NEARLY};
+use super::constants::{HALF, LISTED, LITTLE, NEARLY};
 use super::decision::{Assessed, Evidence, HeldOut, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
@@ -254,6 +254,7 @@ pub(super) fn conclude(
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
     notes.extend(varying(a, &assessed));
+    notes.extend(subtracted_twice(session, a, rms(&before)));
     let fresh = fresh.map(|f| {
         notes.extend(not_seen_on(f, a, &assessed));
         let seen = seen_on(f, a, &assessed, &owner, &beta);
@@ -349,6 +350,17 @@ fn notes(session: &Session) -> Vec<String> {
         );
     }
     notes
+}
+
+/// Says that the model may have been subtracted twice: the readings are much smaller than their gap to it (um RMS).
+fn subtracted_twice(session: &Session, a: &Analysis, gap_um: f64) -> Option<String> {
+    let read: Vec<f64> = session.readings.iter().map(|r| r.deviation_um).collect();
+    let read_um = rms(&without_offsets(session, &read, &a.used));
+    (read_um < HALF * gap_um).then(|| {
+        format!(
+            "the deviations ({read_um:.2} µm RMS) are smaller than their gap to the model ({gap_um:.2} µm): was the model at work while they were measured? then diagnose with its geometry alone, without [errors] and [thermal]"
+        )
+    })
 }
 
 /// What is said of declared effects that are not the same everywhere.
