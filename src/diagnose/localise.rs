@@ -39,7 +39,12 @@ fn factors(session: &Session) -> Vec<Factor> {
                 f64::NAN
             }
         };
-        add("direction", axis.to_string(), format!("time since {axis} turned round, s"), &recent);
+        add(
+            "direction",
+            axis.to_string(),
+            format!("direction of travel of {axis} and time since its reversal"),
+            &recent,
+        );
         add("speed", axis.to_string(), format!("velocity of {axis}, {length}/s"), &|m| m.velocity[i] * unit);
         add("acceleration", axis.to_string(), format!("acceleration of {axis}, {length}/s2"), &|m| {
             m.acceleration[i] * unit

@@ -120,14 +120,30 @@ pub(super) fn next(
         })
         .collect();
     if !session.readings.iter().any(|r| r.pair.is_some()) && !is_revisited(session) {
+        // a log at one place knows its noise, and not whether its coefficients hold on another day
+        let stands = session.moments.windows(2).all(|m| m[0].position == m[1].position);
+        let (separates, [action, decides, gcode]) = if stands {
+            let told = [
+                "log a second period of the same kind: only it shows whether the coefficients hold",
+                "shows whether what goes with a temperature or with the spindle comes again",
+                "(the same once more)",
+            ];
+            (["spindle-growth", "ambient-drift"], told)
+        } else {
+            let told = [
+                "run every part program at least twice: only repeats show the noise",
+                "shows the noise, so that probabilities and the unexplained part no longer rest on neighbouring readings",
+                "(the same part programs again)",
+            ];
+            (["outliers", "range-noise"], told)
+        };
         all.push(Next {
-            action: "run every part program at least twice: only repeats show the noise".to_owned(),
-            separates: vec!["outliers".to_owned(), "range-noise".to_owned()],
+            action: action.to_owned(),
+            separates: separates.map(str::to_owned).into(),
             information: ONE_OF_TWO,
-            decides: "shows the noise, so that probabilities and the unexplained part no longer rest on neighbouring readings"
-                .to_owned(),
+            decides: decides.to_owned(),
             minutes: (session_minutes(session)).max(1.0),
-            gcode: "(the same part programs again)".to_owned(),
+            gcode: gcode.to_owned(),
         });
     }
     if unexplained.significant && !unexplained.is_pointwise {
