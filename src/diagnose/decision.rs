@@ -163,7 +163,8 @@ pub fn decide(all: Vec<Evidence>, held_out: &HeldOut) -> Vec<Assessed> {
     let company = mean_deviation(&all);
     let reason = |e: &Evidence| if e.is_pruned { Some(Reason::Worse) } else { improbable(e, company) };
     let reasons: Vec<Option<Reason>> = all.iter().map(reason).collect();
-    let reasons = worth(reasons, held_out);
+    let because = |[with_um, without_um]: [f64; 2]| Reason::HeldOut { with_um, without_um };
+    let reasons = worth(reasons, held_out, because);
     all.into_iter()
         .zip(reasons)
         .map(|(e, reason)| {
@@ -192,12 +193,9 @@ pub fn decide_by_posterior(all: Vec<(Evidence, &Contender)>, left: &HeldOut) -> 
         let is_sure = group >= DECLARED && probability >= NAMED && is_top;
         (!is_sure).then_some(Reason::Improbable { probability, group, cost })
     };
-    let reasons = worth(all.iter().map(|(_, c)| reason(c)).collect(), left);
-    let seen = |reason| match reason {
-        Some(Reason::HeldOut { with_um, without_um }) => Some(Reason::Harms { with_um, without_um }),
-        other => other,
-    };
-    all.into_iter().zip(reasons).map(|((e, _), reason)| Assessed::new(e, 1.0, seen(reason))).collect()
+    let because = |[with_um, without_um]: [f64; 2]| Reason::Harms { with_um, without_um };
+    let reasons = worth(all.iter().map(|(_, c)| reason(c)).collect(), left, because);
+    all.into_iter().zip(reasons).map(|((e, _), reason)| Assessed::new(e, 1.0, reason)).collect()
 }
 
 fn improbable(e: &Evidence, company: f64) -> Option<Reason> {
@@ -210,8 +208,12 @@ fn improbable(e: &Evidence, company: f64) -> Option<Reason> {
     })
 }
 
-/// Takes back, one by one and the worst first, what makes readings that were left out worse.
-fn worth(mut reasons: Vec<Option<Reason>>, held_out: &HeldOut) -> Vec<Option<Reason>> {
+/// Takes back, one by one and the worst first, what makes the gap worse, `because` of the gaps with and without it, um RMS.
+fn worth(
+    mut reasons: Vec<Option<Reason>>,
+    held_out: &HeldOut,
+    because: impl Fn([f64; 2]) -> Reason,
+) -> Vec<Option<Reason>> {
     let nothing_um = held_out.rms_um(|_| false);
     loop {
         let is_in = |p: usize| reasons.get(p).is_some_and(Option::is_none);
@@ -226,7 +228,7 @@ fn worth(mut reasons: Vec<Option<Reason>>, held_out: &HeldOut) -> Vec<Option<Rea
             return reasons;
         }
         if let Some(reason) = reasons.get_mut(place) {
-            *reason = Some(Reason::HeldOut { with_um, without_um });
+            *reason = Some(because([with_um, without_um]));
         }
     }
 }

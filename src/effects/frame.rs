@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::machine_state::{Axis, MachineState};
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about, unit};
-use volcomp_units::UM_PER_MM;
+use volcomp_units::{RAD_PER_ARCSEC, UM_PER_MM};
 
 /// Where a rotary axis stands in the machine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -87,6 +87,17 @@ impl RotaryFrame {
         let (outer, own, p) = self.state(m);
         // a table turns against its coordinate, so the sign cancels in the angle of tool against workpiece
         outer * unit(self.axis.direction()).cross(&(own * p)) * UM_PER_MM
+    }
+
+    /// Displacements by turns about the axis itself, um for each turn in arcsec.
+    pub(crate) fn turn_by(
+        &self,
+        m: &MachineState,
+        turns_arcsec: impl Iterator<Item = f64>,
+        out: &mut [Vec3],
+    ) {
+        let arm = self.um_per_rad(m) * RAD_PER_ARCSEC;
+        out.iter_mut().zip(turns_arcsec).for_each(|(o, v)| *o = arm * v);
     }
 
     /// Motion of tool against workpiece for a motion of what the axis carries.

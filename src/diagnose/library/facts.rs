@@ -45,7 +45,11 @@ pub(super) fn data(s: &Session) -> Data {
             .map(|a| if moved[a.slot()] { positions(s, a, &|_| true) } else { Vec::new() }),
         looked_at: Axis::LINEAR.map(|a| {
             let along = |b: Axis| positions(s, a, &|m| m.u[b.slot()].abs() > SEES);
-            Axis::LINEAR.map(|b| if moved[a.slot()] { along(b) } else { Vec::new() })
+            Axis::LINEAR.map(|b| match moved[a.slot()] {
+                true if a == b => targets[a.slot()].clone(),
+                true => along(b),
+                false => Vec::new(),
+            })
         }),
         revisits: Axis::ALL.map(|a| {
             let count = s.moments.iter().filter(|m| looks_along(a)(m)).count();
@@ -69,14 +73,14 @@ pub(super) fn data(s: &Session) -> Data {
         sources: sources
             .filter_map(|o| Some((o.clone(), s.history.range(&o)?, s.history.first(&o)?)))
             .collect(),
-        follow_spindle: s.history.sources().into_iter().filter(|source| follows_spindle(s, source)).collect(),
+        follow_spindle: follow_spindle(s),
         first: s.moments.first().cloned().unwrap_or_default(),
     }
 }
 
-/// True for a temperature whose changes are mostly those of the lagged speed of the spindle.
-fn follows_spindle(s: &Session, source: &Source) -> bool {
-    let step = s.moments.len().div_ceil(MANY);
+/// Temperatures whose changes are mostly those of the lagged speed of the spindle.
+fn follow_spindle(s: &Session) -> Vec<Source> {
+    let step = s.moments.len().div_ceil(MANY).max(1);
     // over a step a trend is a constant, which goes with nothing
     let changes = |source: &Source, tau_s| -> Option<Vec<f64>> {
         let values = s.history.lagged(&Signal::of(source.clone(), tau_s), &s.moments)?;
@@ -84,10 +88,16 @@ fn follows_spindle(s: &Session, source: &Source) -> bool {
         let within = seen.windows(2).filter(|w| w[0].0 == w[1].0);
         Some(within.map(|w| w[1].1 - w[0].1).collect())
     };
-    let is_temperature = matches!(source, Source::Temperature(_));
-    let Some(own) = is_temperature.then(|| changes(source, 0.0)).flatten() else { return false };
-    let speeds = SPINDLE_S.into_iter().filter_map(|tau_s| changes(&Source::Spindle, tau_s));
-    own.len() >= FEW && speeds.map(|speed| determination(&own, &speed)).any(|share| share > HALF)
+    let speeds: Vec<Vec<f64>> =
+        SPINDLE_S.into_iter().filter_map(|tau_s| changes(&Source::Spindle, tau_s)).collect();
+    let follows =
+        |own: &Vec<f64>| own.len() >= FEW && speeds.iter().any(|speed| determination(own, speed) > HALF);
+    let mut temperatures = s.history.sources();
+    temperatures.retain(|source| {
+        let is_asked = !speeds.is_empty() && matches!(source, Source::Temperature(_));
+        is_asked && changes(source, 0.0).as_ref().is_some_and(follows)
+    });
+    temperatures
 }
 
 /// Share of the variance of some values that goes with others.

@@ -1,5 +1,7 @@
 //! Periodic error of a screw, a worm or an encoder.
 
+use core::ops::RangeInclusive;
+
 use volcomp_estimate::SpectralWindow;
 
 use crate::prelude::*;
@@ -66,6 +68,12 @@ fn catalogue() -> impl Iterator<Item = f64> {
     PITCHES.into_iter().chain(MODULES.map(|m| m * PI))
 }
 
+/// Cosine, less 1, and sine of each order of a phase: waves that are zero at phase 0.
+pub(super) fn harmonics(orders: RangeInclusive<usize>, phase: f64) -> impl Iterator<Item = f64> {
+    let each = orders.map(move |n| (n as f64 * phase).sin_cos());
+    each.flat_map(|(s, c)| [c - 1.0, s])
+}
+
 /// `SUM c_n cos(2 pi n x/pitch) - c_n + s_n sin(2 pi n x/pitch)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -88,10 +96,7 @@ impl Form for Cyclic {
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         let phase = TAU * m.position[self.axis.slot()] / self.pitch_mm;
         let along = unit(self.along.direction());
-        for n in 0..self.harmonics {
-            let (s, c) = (phase * (n + 1) as f64).sin_cos();
-            (out[2 * n], out[2 * n + 1]) = (along * (c - 1.0), along * s);
-        }
+        out.iter_mut().zip(harmonics(1..=self.harmonics, phase)).for_each(|(o, v)| *o = along * v);
     }
 
     fn drawing(&self) -> Drawing {
@@ -143,8 +148,7 @@ pub struct RotaryCyclic {
 impl RotaryCyclic {
     /// Columns at a position of the axis.
     fn at(&self, q: f64) -> impl Iterator<Item = f64> {
-        let phases = (1..=self.harmonics).map(move |k| ((k * self.waves) as f64 * q).sin_cos());
-        phases.flat_map(|(s, c)| [c - 1.0, s])
+        harmonics(1..=self.harmonics, self.waves as f64 * q)
     }
 }
 
@@ -158,9 +162,7 @@ impl Form for RotaryCyclic {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let arm = self.frame.um_per_rad(m) * RAD_PER_ARCSEC;
-        let columns = self.at(m.position[self.frame.axis.slot()]);
-        out.iter_mut().zip(columns).for_each(|(o, v)| *o = arm * v);
+        self.frame.turn_by(m, self.at(m.position[self.frame.axis.slot()]), out);
     }
 
     fn drawing(&self) -> Drawing {

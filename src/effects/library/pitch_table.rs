@@ -207,9 +207,7 @@ impl Form for RotaryTable {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let arm = self.frame.um_per_rad(m) * RAD_PER_ARCSEC;
-        let columns = self.contrasts().at(m.position[self.frame.axis.slot()]);
-        out.iter_mut().zip(columns).for_each(|(o, v)| *o = arm * v);
+        self.frame.turn_by(m, self.contrasts().at(m.position[self.frame.axis.slot()]), out);
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {

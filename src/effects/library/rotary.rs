@@ -1,5 +1,6 @@
 //! Rotary axes: location, error motion, eccentricity of the encoder.
 
+use super::cyclic::harmonics;
 use crate::prelude::*;
 use volcomp_model::{Component, ErrorSymbol};
 
@@ -132,14 +133,10 @@ impl Form for RotaryMotion {
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         let q = m.position[self.axis.slot()];
         let turned = self.frame.as_ref().map_or_else(Mat3::identity, |f| f.product(&f.outer, m));
-        let orders = self.high + 1 - self.low;
-        for (j, a) in self.along.iter().enumerate() {
+        let each = 2 * (self.high + 1 - self.low);
+        for (a, out) in self.along.iter().zip(out.chunks_mut(each)) {
             let way = turned * unit(a.direction());
-            for n in 0..orders {
-                let (s, c) = ((self.low + n) as f64 * q).sin_cos();
-                out[2 * (j * orders + n)] = way * (c - 1.0);
-                out[2 * (j * orders + n) + 1] = way * s;
-            }
+            out.iter_mut().zip(harmonics(self.low..=self.high, q)).for_each(|(o, v)| *o = way * v);
         }
     }
 
@@ -185,19 +182,12 @@ impl Form for RotaryEccentricity {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let arm = self.frame.um_per_rad(m) * RAD_PER_ARCSEC;
-        for n in 0..self.harmonics {
-            let (s, c) = ((n + 1) as f64 * m.position[self.frame.axis.slot()]).sin_cos();
-            (out[2 * n], out[2 * n + 1]) = (arm * (c - 1.0), arm * s);
-        }
+        let q = m.position[self.frame.axis.slot()];
+        self.frame.turn_by(m, harmonics(1..=self.harmonics, q), out);
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
-        let wave = |q: f64, n: usize| {
-            let (s, c) = ((n + 1) as f64 * q).sin_cos();
-            entry.value(2 * n) * (c - 1.0) + entry.value(2 * n + 1) * s
-        };
-        let angle = |q: f64| (0..self.harmonics).map(|n| wave(q, n)).sum();
+        let angle = |q: f64| harmonics(1..=self.harmonics, q).zip(&entry.values).map(|(c, v)| c * v).sum();
         rotation(model, entry, self.frame.axis, (self.frame.axis, None), Sampling::Even, &angle)
     }
 
