@@ -107,6 +107,20 @@ fn one_bad_reading_is_no_table_of_positions() {
     assert!(probability(&found, "positioning:x") < 0.5, "{:?}", found.0.contenders);
 }
 
+/// A value of its own for every reading is noise.
+#[test]
+fn a_table_of_positions_needs_targets_that_are_read_twice() {
+    let has_table = |rows: usize| {
+        let mut raw = iso_test_of(24, |x, _, _, _| (0.01 * x).sin());
+        raw.columns.iter_mut().for_each(|c| c.truncate(rows));
+        raw.instruments.truncate(rows);
+        raw.lines.truncate(rows);
+        let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+        Library::new(&session, &[]).variants.iter().any(|v| v.shape.is_process())
+    };
+    assert!(has_table(48) && !has_table(24));
+}
+
 #[test]
 fn a_scale_and_a_position_error_are_told_apart() {
     for seed in 10..14 {
