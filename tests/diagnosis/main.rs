@@ -7,6 +7,7 @@ mod head;
 mod instruments;
 mod lags;
 mod page;
+mod points;
 mod real;
 mod sensitivity;
 mod support;

@@ -24,11 +24,16 @@ pub(super) enum Source {
 }
 
 /// Reads a file. A plan may lack deviations.
-pub(super) fn session(path: &Path, args: &InstrumentArgs, plan: bool) -> Result<Source, Failure> {
+pub(super) fn session(
+    path: &Path,
+    args: &InstrumentArgs,
+    model: Option<&Model>,
+    plan: bool,
+) -> Result<Source, Failure> {
     // what cannot be read twice is a session file
     if input::is_regular(path) {
         let bytes = input::head(path, InputKind::Capture, detect::HEAD as u64)?;
-        if let Some(found) = instruments::recognised(path, &bytes, args)? {
+        if let Some(found) = instruments::recognised(path, &bytes, args, model)? {
             return Ok(Source::Instrument(Box::new(found)));
         }
     }
@@ -57,8 +62,8 @@ fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<(), Failure> {
         EX_DATAERR,
         "{}: neither a session file (its heading has none of the columns t_s, x_mm .. deviation_um) nor a known file of an \
              instrument or a control\n  \
-             hint: read are ISO 230-2 tests (.dat, .rtl, .pos, CSV), circular tests (CSV), plates measured on a CMM, captures of a \
-             SINUMERIK Edge (JSON, CSV) and logs of displacement; columns of session files: docs/reference/session-files.md",
+             hint: read are ISO 230-2 tests (.dat, .rtl, .pos, CSV), circular tests (CSV), plates measured on a CMM, points of a \
+             tracker (measured_x_mm ..), captures of a SINUMERIK Edge (JSON, CSV) and logs of displacement; columns of session files: docs/reference/session-files.md",
         table.file()
     ))
 }

@@ -33,8 +33,8 @@ use volcomp_units::deg_from_rad;
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
 ///
 /// Files of instruments and controls are read as they are: ISO 230-2 tests (.dat, .rtl, .pos, CSV), circular tests (CSV),
-/// plates measured on a CMM, captures of a SINUMERIK Edge (JSON, CSV), logs of displacement. The format is detected from the
-/// content; stderr and the notes of the report state what was detected and assumed.
+/// plates measured on a CMM, points of a tracker (CSV), captures of a SINUMERIK Edge (JSON, CSV), logs of displacement. The format
+/// is detected from the content; stderr and the notes of the report state what was detected and assumed.
 ///
 /// Session files are CSV tables with one scalar reading per row in the order measured: t_s, instrument, setup, run, repeat,
 /// positions, u_x u_y u_z, deviation_um; all columns: docs/reference/session-files.md.
@@ -210,7 +210,7 @@ fn load(
     let mut raws: Vec<Raw> = Vec::with_capacity(files.len());
     let (mut detected, mut rotary) = (Vec::new(), None);
     for path in files {
-        match input::session(path, &args.instruments, args.plan)? {
+        match input::session(path, &args.instruments, model, args.plan)? {
             Source::Table(raw) => raws.push(raw),
             Source::Instrument(found) => {
                 detected.extend(found.announce(path));

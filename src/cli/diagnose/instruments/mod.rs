@@ -7,6 +7,7 @@ mod capture;
 mod circular;
 mod displacement;
 mod plate;
+mod points;
 mod positioning;
 mod unsuitable;
 
@@ -22,6 +23,7 @@ use volcomp_diagnose::session::{Note, Raw, Times};
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{detect, hole_plate, text};
 use volcomp_identify::ballbar::Plane;
+use volcomp_model::Model;
 use volcomp_model::geometry::Vec3;
 use volcomp_units::axes::AxisName;
 
@@ -116,6 +118,7 @@ pub(super) fn recognised(
     path: &Path,
     head: &[u8],
     args: &InstrumentArgs,
+    model: Option<&Model>,
 ) -> Result<Option<Measurement>, Failure> {
     if !args.series.is_empty() {
         return displacement::read(path, args).map(Some);
@@ -124,6 +127,9 @@ pub(super) fn recognised(
     let start = decoded.text.as_ref();
     let header = header(start);
     let has = |name: &str| header.contains(&name);
+    if points::is_list(&header) {
+        return points::read(path, model).map(Some);
+    }
     // a session file, complete or not
     if has("u_x") || has("setup") {
         return Ok(None);
