@@ -189,8 +189,8 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             return analysis;
         }
     }
-    // the search weighs all columns alike
-    library.variants.retain(|v| !v.shape.is_process());
+    // the search weighs all columns alike: of the processes that have the same columns one stands for all
+    library.variants.retain(|v| !v.shape.is_process() || v.shape.is_plain_table());
     let by_label = library.by_label();
     let grid: Vec<usize> = by_label.iter().map(Vec::len).collect();
     let (mut round, mut raw) = (0, search::RawColumns::default());

@@ -41,8 +41,10 @@ pub struct Data {
     pub looked_at: [[Vec<f64>; 3]; 3],
     /// Those at which some reading looks along a linear axis itself, and those of a rotary axis, in order, mm or rad.
     pub targets: [Vec<f64>; SLOTS],
-    /// They are looked at twice in the mean.
-    pub revisits: [bool; SLOTS],
+    /// Targets of the tests of an axis, in order, mm or rad: `[axis that moves][direction looked along]`. They are those at rest
+    /// where nothing else moves in the set-up, or all where there is none; empty unless looked at twice in the mean, because a
+    /// value of its own for every reading is noise.
+    pub tested: [[Vec<f64>; 3]; SLOTS],
     /// Tool lengths differ.
     pub tools: bool,
     /// A tool length is stated.

@@ -32,6 +32,8 @@ impl Axis {
     pub const ALL: [Self; SLOTS] = [Self::X, Self::Y, Self::Z, Self::A, Self::B, Self::C];
     /// Those that move along a line.
     pub const LINEAR: [Self; 3] = [Self::X, Self::Y, Self::Z];
+    /// Those that turn, about X, Y and Z.
+    pub const ROTARY: [Self; 3] = [Self::A, Self::B, Self::C];
 
     /// Place in the arrays of a [`MachineState`].
     #[must_use]

@@ -97,7 +97,7 @@ pub(crate) trait Form {
         None
     }
 
-    /// The rotary axis by whose position it turns about that axis, where it does.
+    /// The rotary axis about whose direction it turns, where it does.
     fn turns(&self) -> Option<Axis> {
         None
     }
@@ -202,11 +202,12 @@ impl Shape {
         self.form().over()
     }
 
-    /// Direction and axis of a deviation that is a function of that axis's position alone; of a turn about the axis both are the axis.
+    /// Direction and axis of an error motion that is a function of that axis's position alone; of an angle the rotary axis about its
+    /// direction.
     #[must_use]
-    pub fn curve_of(&self) -> Option<(Axis, Axis)> {
-        let turns = self.form().turns();
-        self.acts_along().zip(self.over()).or_else(|| turns.zip(turns))
+    pub fn error_motion(&self) -> Option<(Axis, Axis)> {
+        let form = self.form();
+        form.acts_along().or_else(|| form.turns()).zip(form.over())
     }
 
     /// True for curves that bend to anything smooth.

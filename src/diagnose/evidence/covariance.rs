@@ -169,9 +169,9 @@ impl Structure {
             };
             components.push((Component::Run, build(&same)));
         }
-        // one axis seen along itself: what goes with its place is positioning and has a name
-        let along_itself = match moving.as_slice() {
-            [one] if *one < 3 => (0..n).all(|k| at(k).u[*one].abs() > 0.99),
+        // one axis seen along itself or straight across: what goes with its place is a positioning, straightness or angular error
+        let has_name = match moving.as_slice() {
+            [one] if *one < 3 => (0..n).all(|k| at(k).u.amax() > 0.99),
             [_] => true,
             _ => false,
         };
@@ -180,7 +180,7 @@ impl Structure {
         let places = places(&means, &moving);
         for (l, length) in LENGTHS.iter().enumerate() {
             let near = |i: usize, j: usize| (-distance(i, j) / length).exp();
-            if !along_itself && places > FEW {
+            if !has_name && places > FEW {
                 components.push((Component::Place(l), build(&|i, j| u(i, j) * near(i, j))));
             }
             let directed = |s: &usize| {

@@ -219,8 +219,8 @@ impl Search {
         }
         // what goes with the place alone has a name where a random process of the same axis is among the effects
         let has_name = |shape: &Shape| {
-            let curve = shape.curve_of();
-            curve.is_some() && self.shapes.iter().any(|s| s.is_process() && s.curve_of() == curve)
+            let motion = shape.error_motion();
+            motion.is_some() && self.shapes.iter().any(|s| s.is_process() && s.error_motion() == motion)
         };
         parts.retain(|(_, variant, _)| !has_name(&self.shapes[*variant]));
         for (label, variant, part) in &parts {
@@ -364,7 +364,7 @@ fn lines(library: &Library, columns: &Columns) -> Vec<Option<usize>> {
         columns.variants.iter().flatten().copied().find(is_scale).map(|v| columns.span[v].0)
     };
     let of = |shape: &Shape| match shape {
-        Shape::PitchTable(t) if t.process.is_from_line() => scale(t.axis),
+        Shape::PitchTable(t) if t.process.is_from_line() && t.along.is_none() => scale(t.axis),
         Shape::RotaryTable(t) if t.process.is_from_line() => scale(t.frame.axis),
         _ => None,
     };

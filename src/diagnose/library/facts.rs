@@ -51,9 +51,9 @@ pub(super) fn data(s: &Session) -> Data {
                 false => Vec::new(),
             })
         }),
-        revisits: Axis::ALL.map(|a| {
-            let count = s.moments.iter().filter(|m| looks_along(a)(m)).count();
-            count >= 2 * targets[a.slot()].len()
+        tested: Axis::ALL.map(|a| {
+            let looking = |along| if moved[a.slot()] { tested(s, a, along) } else { Vec::new() };
+            Axis::LINEAR.map(looking)
         }),
         targets,
         tools: changes(MOVES[0], &|m| m.tool_length_mm),
@@ -124,6 +124,25 @@ fn positions(s: &Session, axis: Axis, of: &dyn Fn(&Moment) -> bool) -> Vec<f64> 
     seen.sort_unstable();
     seen.dedup();
     seen.into_iter().map(|place| place as f64 * same).collect()
+}
+
+/// The targets of the tests of an axis, in order; of a linear one of those that look along a direction.
+fn tested(s: &Session, axis: Axis, along: Axis) -> Vec<f64> {
+    let mut spans = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; s.setups.len()];
+    for m in &s.moments {
+        for ([low, high], p) in spans[m.setup].iter_mut().zip(m.position) {
+            (*low, *high) = (low.min(p), high.max(p));
+        }
+    }
+    let moves = |setup: usize, slot: usize| spans[setup][slot][1] - spans[setup][slot][0] > STILL;
+    let alone = |m: &Moment| (0..SLOTS).all(|slot| moves(m.setup, slot) == (slot == axis.slot()));
+    let is_test = |m: &Moment| m.velocity[axis.slot()].abs() <= STILL && alone(m);
+    let looks = |m: &Moment| !axis.is_linear() || m.u[along.slot()].abs() > SEES;
+    let has_test = s.moments.iter().any(|m| looks(m) && is_test(m));
+    let of = |m: &Moment| looks(m) && (!has_test || is_test(m));
+    let targets = positions(s, axis, &of);
+    let readings = s.moments.iter().filter(|m| of(m)).count();
+    if readings >= 2 * targets.len() { targets } else { Vec::new() }
 }
 
 /// Readings that see a displacement of an axis along itself; of a rotary axis all may.

@@ -1,7 +1,7 @@
 //! Other effects in the place of chosen ones, compared between the values of their grids: a coarse grid must not decide between
 //! names.
 
-use super::super::constants::{LITTLE, NEARLY, TRIED};
+use super::super::constants::{LITTLE, NEARLY, SURE, TRIED};
 use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
@@ -69,6 +69,7 @@ pub fn one_worn_place(
         let is_table = |v: &usize| match &library.variants[*v].shape {
             Shape::Polynomial(p) => p.along == axis && p.over == axis,
             Shape::PositionTable(t) => t.axis == axis,
+            Shape::PitchTable(t) => t.axis == axis && t.along.is_none(),
             _ => false,
         };
         let is_curve = |v: &usize| {
@@ -101,14 +102,39 @@ pub fn one_worn_place(
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, worn, shape)) = best else { continue };
         let label = library.variants[worn].label;
-        if evidence(gain, 1, selection.grid[label]) > (1.0 - LITTLE) * sum {
+        if evidence(gain, 1, selection.grid[label]) <= (1.0 - LITTLE) * sum {
+            continue;
+        }
+        let left = [&others, &selection.chosen].map(|chosen| left_in_programs(problem, chosen));
+        let before = library.variants[worn].shape.clone();
+        put(problem, session, filter, library, worn, shape);
+        let with_worn = [&others[..], &[worn]].concat();
+        let rank = problem.span[table].1 as f64;
+        if says_as_much(&left, &left_in_programs(problem, &with_worn), rank) {
             let table = library.variants[table].label;
-            put(problem, session, filter, library, worn, shape);
-            selection.chosen = others;
-            selection.chosen.push(worn);
+            selection.chosen = with_worn;
             selection.ban(library, table);
             selection.one_curve.push((label, table));
+        } else {
+            put(problem, session, filter, library, worn, before);
         }
     }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Sum of squares that some effects leave in each program.
+fn left_in_programs(problem: &mut Problem, chosen: &[usize]) -> Vec<f64> {
+    let given = Selection::given(problem, chosen);
+    let left = &problem.y - problem.contribution(&given.columns, &problem.fit(&given));
+    let mut sums = vec![0.0; problem.cells];
+    left.iter().zip(&problem.cell).for_each(|(e, cell)| sums[*cell] += e * e);
+    sums
+}
+
+/// True where what stands in the place of a table of `rank` columns leaves little of what the table explains, and of the noise that
+/// the table fits, in every program: readings that lie close would outweigh all others.
+fn says_as_much([without, with_table]: &[Vec<f64>; 2], with_other: &[f64], rank: f64) -> bool {
+    let by_chance = rank + SURE * (2.0 * rank).sqrt();
+    let programs = without.iter().zip(with_table).zip(with_other);
+    programs.into_iter().all(|((none, table), other)| other - table <= LITTLE * (none - table) + by_chance)
 }

@@ -1,5 +1,6 @@
 //! Angular error motions of the linear axes.
 
+use super::pitch_table;
 use crate::data::Hidden;
 use crate::polynomial::twist;
 use crate::prelude::*;
@@ -35,7 +36,9 @@ pub(super) fn angular(data: &Data, of: &Subject) -> Variants {
     }
     let centre_mm = Some(centre_mm);
     let shape = |degree| Angular { about, over, degree, half_mm, centre_mm, lever }.into();
-    data.structural(data.degrees(over, None, &DEGREES).into_iter().map(shape).collect())
+    let mut shapes: Vec<Shape> = data.degrees(over, None, &DEGREES).into_iter().map(shape).collect();
+    shapes.extend(pitch_table::tables_of_angles(data, about, over, lever));
+    data.structural(shapes)
 }
 
 /// `d = eps x lever` about one direction, `eps = SUM e_k p_k(x)` zero at the zero of the axis.
@@ -98,6 +101,10 @@ impl Form for Angular {
 
     fn over(&self) -> Option<Axis> {
         Some(self.over)
+    }
+
+    fn turns(&self) -> Option<Axis> {
+        Some(Axis::ROTARY[self.about.direction()])
     }
 
     fn is_free_curve(&self) -> bool {

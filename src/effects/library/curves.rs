@@ -41,7 +41,11 @@ pub(super) fn positioning(data: &Data, of: &Subject) -> Variants {
 
 /// Variants of `straightness`.
 pub(super) fn straightness(data: &Data, of: &Subject) -> Variants {
-    data.structural(polynomials(data, of.first, of.axis, &ACROSS))
+    let mut shapes = polynomials(data, of.first, of.axis, &ACROSS);
+    if data.range[of.axis.slot()].is_some() {
+        shapes.extend(pitch_table::tables_across(data, of.first, of.axis));
+    }
+    data.structural(shapes)
 }
 
 /// Curves without and then with slopes of their own: the line from which a curve is counted is a choice.

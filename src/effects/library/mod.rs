@@ -77,6 +77,7 @@ shapes! {
     curves::PositionTable,
     pitch_table::PitchTable,
     pitch_table::RotaryTable,
+    pitch_table::AngularTable,
     angular::Angular,
     expansion::Thermal,
     displacement::Growth,

@@ -3,19 +3,41 @@
 use super::curves::{are_targets, coefficients};
 use crate::prelude::*;
 
-/// Variants of `positioning` with a value at each target, where most targets were looked at more than once: a value of its own for
-/// every reading is noise.
+/// Targets of a table with a value at each.
+const TARGETS: core::ops::RangeInclusive<usize> = 4..=WIDTH_MAX + 1;
+
+/// Variants of `positioning` with a value at each target.
 pub(super) fn tables(data: &Data, axis: Axis) -> Vec<Shape> {
-    let targets = data.targets[axis.slot()].clone();
-    if !data.revisits[axis.slot()] || !(4..=WIDTH_MAX + 1).contains(&targets.len()) {
+    let targets = &data.tested[axis.slot()][axis.direction()];
+    if !TARGETS.contains(&targets.len()) {
         return Vec::new();
     }
     let frame = data.frame(axis).filter(|_| !axis.is_linear());
     let of = |process| match &frame {
         Some(frame) => RotaryTable { frame: frame.clone(), targets_rad: targets.clone(), process }.into(),
-        None => PitchTable { axis, targets_mm: targets.clone(), process }.into(),
+        None => PitchTable { axis, along: None, targets_mm: targets.clone(), process }.into(),
     };
     [Process::White, Process::WhiteFromLine, Process::Walk, Process::WalkFromLine].map(of).into()
+}
+
+/// Variants of `straightness` with a value at each target, counted from the line whose slope is a squareness.
+pub(super) fn tables_across(data: &Data, along: Axis, over: Axis) -> Vec<Shape> {
+    let targets = &data.tested[over.slot()][along.direction()];
+    if !TARGETS.contains(&targets.len()) {
+        return Vec::new();
+    }
+    let of =
+        |process| PitchTable { axis: over, along: Some(along), targets_mm: targets.clone(), process }.into();
+    [Process::WhiteFromLine, Process::WalkFromLine].map(of).into()
+}
+
+/// Variants of `angular` with a value at each target: its slope has no other name.
+pub(super) fn tables_of_angles(data: &Data, about: Axis, over: Axis, lever: Lever) -> Vec<Shape> {
+    let across = (0..3).filter(|k| *k != about.direction());
+    let tested = across.map(|k| &data.tested[over.slot()][k]).max_by_key(|t| t.len());
+    let Some(targets) = tested.filter(|t| TARGETS.contains(&t.len())) else { return Vec::new() };
+    let of = |process| AngularTable { about, over, targets_mm: targets.clone(), process, lever }.into();
+    [Process::White, Process::Walk].map(of).into()
 }
 
 /// How the values at the targets come about.
@@ -127,11 +149,14 @@ impl Contrasts<'_> {
     }
 }
 
-/// Deviations of a linear axis along itself at the targets.
+/// Deviations of a linear axis at the targets, along itself or across.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct PitchTable {
     pub axis: Axis,
+    /// Direction of the deviations; none: along the axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub along: Option<Axis>,
     pub targets_mm: Vec<f64>,
     pub process: Process,
 }
@@ -139,6 +164,10 @@ pub struct PitchTable {
 impl PitchTable {
     fn contrasts(&self) -> Contrasts<'_> {
         Contrasts { targets: &self.targets_mm, process: self.process }
+    }
+
+    fn direction(&self) -> Axis {
+        self.along.unwrap_or(self.axis)
     }
 }
 
@@ -152,7 +181,7 @@ impl Form for PitchTable {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let along = unit(self.axis.direction());
+        let along = unit(self.direction().direction());
         let columns = self.contrasts().at(m.position[self.axis.slot()]);
         out.iter_mut().zip(columns).for_each(|(o, v)| *o = along * v);
     }
@@ -166,7 +195,7 @@ impl Form for PitchTable {
     }
 
     fn acts_along(&self) -> Option<Axis> {
-        Some(self.axis)
+        Some(self.direction())
     }
 
     fn over(&self) -> Option<Axis> {
@@ -243,12 +272,91 @@ impl Form for RotaryTable {
     }
 }
 
+/// `d = eps x lever` about one direction with values at the targets, zero at the zero of the axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct AngularTable {
+    pub about: Axis,
+    pub over: Axis,
+    pub targets_mm: Vec<f64>,
+    pub process: Process,
+    pub lever: Lever,
+}
+
+impl AngularTable {
+    /// The columns as angles.
+    fn angles(&self, q: f64) -> impl Iterator<Item = f64> {
+        let contrasts = Contrasts { targets: &self.targets_mm, process: self.process };
+        contrasts.at(q).zip(contrasts.at(0.0)).map(|(at, zero)| at - zero)
+    }
+}
+
+impl Form for AngularTable {
+    fn parameters(&self) -> Vec<String> {
+        (1..=self.width()).map(|k| format!("e{k}_arcsec")).collect()
+    }
+
+    fn width(&self) -> usize {
+        Contrasts { targets: &self.targets_mm, process: self.process }.width()
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let arm = unit(self.about.direction()).cross(&self.lever.at(m)) * UM_PER_ARCSEC_MM;
+        out.iter_mut().zip(self.angles(m.position[self.over.slot()])).for_each(|(o, v)| *o = arm * v);
+    }
+
+    fn columns(&self) -> Vec<String> {
+        [self.over.column()].into_iter().chain(self.lever.columns()).collect()
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Position(self.over)).scaled(Weight::Lever(self.about, self.lever))
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let angle = |q: f64| self.angles(q).zip(&entry.values).map(|(v, e)| v * e).sum();
+        let sampling = Sampling::At(&self.targets_mm);
+        rotation(model, entry, self.over, (self.about, Some(&self.lever)), sampling, &angle)
+    }
+
+    fn is_valid(&self) -> bool {
+        are_targets(&self.targets_mm) && (1..=WIDTH_MAX).contains(&self.width())
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.over)
+    }
+
+    fn turns(&self) -> Option<Axis> {
+        Some(Axis::ROTARY[self.about.direction()])
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+
+    fn is_process(&self) -> bool {
+        true
+    }
+}
+
 impl Shape {
+    /// True for a table of independent values without the slope that has a name of its own.
+    #[must_use]
+    pub const fn is_plain_table(&self) -> bool {
+        let (Self::PitchTable(PitchTable { process, .. }) | Self::RotaryTable(RotaryTable { process, .. })) =
+            self
+        else {
+            return false;
+        };
+        matches!(process, Process::WhiteFromLine)
+    }
+
     /// The axis whose scale the slope of a table of values may be, where the table is not counted from its line.
     #[must_use]
     pub const fn holds_scale_of(&self) -> Option<Axis> {
         let (axis, process) = match self {
-            Self::PitchTable(t) => (t.axis, t.process),
+            Self::PitchTable(t) if t.along.is_none() => (t.axis, t.process),
             Self::RotaryTable(t) => (t.frame.axis, t.process),
             _ => return None,
         };

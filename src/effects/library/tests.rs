@@ -62,7 +62,11 @@ fn all_data() -> Data {
             let unequal = |k: i32| 0.14 * f64::from(k) + 0.01 * f64::from(k * k % 7);
             if axis < 3 { (-300..=300).map(f64::from).collect() } else { (-10..=10).map(unequal).collect() }
         }),
-        revisits: [true; SLOTS],
+        tested: core::array::from_fn(|axis| {
+            let unequal = |k: i32| 0.14 * f64::from(k) + 0.01 * f64::from(k * k % 7);
+            let scale = if axis < 3 { 200.0 } else { 1.0 };
+            core::array::from_fn(|_| (-10..=10).map(|k| scale * unequal(k)).collect())
+        }),
         tools: true,
         lengths: true,
         ranges: true,
@@ -347,8 +351,8 @@ fn the_symbol_of_a_pair_is_the_rotation_of_its_later_axis_against_the_first() {
 
 #[test]
 fn tables_of_a_process_hold_every_value_of_their_targets_and_those_from_a_line_no_slope() {
-    let data =
-        Data { targets: core::array::from_fn(|_| vec![0.0, 10.0, 25.0, 31.0, 60.0, 75.0]), ..all_data() };
+    let targets = vec![0.0, 10.0, 25.0, 31.0, 60.0, 75.0];
+    let data = Data { tested: core::array::from_fn(|_| [(); 3].map(|()| targets.clone())), ..all_data() };
     let positioning = EFFECTS.iter().find(|e| e.name == "positioning").unwrap();
     let subject = positioning.subjects.all().into_iter().find(|s| s.axis == Axis::X).unwrap();
     let shapes = (positioning.variants)(&data, &subject).unwrap();
