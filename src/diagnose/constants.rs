@@ -187,9 +187,6 @@ pub(crate) const BEYOND_TAILS: [f64; 3] = [2.0, 3.0, 5.0];
 /// Share of the outliers that look along one axis, and share of all others that do not, from which that axis is to blame.
 /// Halved: mixed outliers are blamed on an axis; doubled: no meaning (at most 1).
 pub(crate) const ONE_AXIS: [f64; 2] = [0.9, 0.6];
-/// Standard deviations by which noise must grow with the range, and the least power. Halved: uneven noise is called range noise;
-/// doubled: only long ranges show it.
-pub(crate) const RANGE_GROWTH: [f64; 2] = [6.0, 0.2];
 /// Least step that is called rounding, um. Halved or doubled: displays of 10 to 40 nm.
 pub(crate) const STEP_UM: f64 = 0.02;
 /// Probability of a chance effect that has passed its test, and of one whose pattern contradicts it; neither is a posterior.

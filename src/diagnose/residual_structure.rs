@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::constants::{FEW, MOST, SIGNIFICANT};
+use super::noise::repeats_tell;
 use super::search::Problem;
 use super::session::Session;
 
@@ -58,7 +59,7 @@ pub(super) fn structure(session: &Session, problem: &Problem, e: &[f64]) -> Stru
         all.add(p);
         each[session.readings[problem.rows[k]].setup].add(p);
     });
-    if all.n * 5 >= e.len() && all.n >= FEW {
+    if repeats_tell(all.n, e.len()) && all.n >= FEW {
         // what one setup alone shows must not drown in the others
         let local = each.iter().filter(|s| s.n >= FEW).map(Sum::z_of_noise).fold(0.0, f64::max);
         return Structure { variance: all.mean(), z: all.z(), local_z: local, from_repeats: true };

@@ -4,8 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::constants::{
-    BEYOND_TAILS, FEW, HALF, LINE_CHANCE, ONE_AXIS, OUTLIERS_SHARE, PASSED, RANGE_GROWTH, STEP_UM, STRONG,
-    TOLD,
+    BEYOND_TAILS, FEW, HALF, LINE_CHANCE, ONE_AXIS, OUTLIERS_SHARE, PASSED, STEP_UM, STRONG, TOLD,
 };
 use super::library::{Effect, Kind, Label, Without};
 use super::noise::{ClassNoise, Tone, angle_noise, pair_residuals, range_noise, tails, tone};
@@ -149,8 +148,8 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     }
     let residuals = pair_residuals(e.session, e.gap, e.used);
     let by_range = range_noise(e.session, &residuals)
-        .filter(|r| r.exponent > RANGE_GROWTH[1] && r.exponent > RANGE_GROWTH[0] * r.std)
-        .map(|r| ("exponent_1", r.exponent, r.std));
+        .filter(|r| r.evidence > STRONG)
+        .map(|r| ("exponent_1", r.exponent, r.exponent / (2.0 * r.evidence).sqrt()));
     let by_angle = || {
         let a = angle_noise(e.session, &residuals).filter(|a| a.evidence > STRONG)?;
         Some(("across_um_per_m", a.um_per_m, 0.5 * a.um_per_m / a.evidence.sqrt()))

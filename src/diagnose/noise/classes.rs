@@ -45,7 +45,7 @@ fn white(session: &Session, class: usize, residuals: &[f64], gap: &[f64], used: 
         session.readings[a].run == session.readings[b].run
             && session.moments[a].u.dot(&session.moments[b].u) > NEARLY
     };
-    if paired.len() >= 16 {
+    if paired.len() >= 16 && repeats_tell(paired.len(), rows.len()) {
         // rows of one direction follow each other at most three apart (a reading in three directions)
         let mut differences = Vec::new();
         for (k, a) in paired.iter().enumerate() {
@@ -204,19 +204,23 @@ pub fn from_repeats(session: &Session, gap: &[f64], used: &[bool], lattice_um: &
             // noise is part of the gap: neighbours that differ by a mounting's rotation must not make it larger
             let own = super::super::offsets::rms(&of_class(session, class, &centred));
             let white_um = white(session, class, &residuals, gap, used).min(own).max(floor);
-            let paired = (0..gap.len())
-                .filter(|i| session.readings[*i].instrument == class && residuals[*i].is_finite())
-                .count();
+            let of_class = (0..gap.len()).filter(|i| used[*i] && session.readings[*i].instrument == class);
+            let paired = of_class.clone().filter(|i| residuals[*i].is_finite()).count();
             let time = times(session, class);
             let drift_um = if is_encoder(&session.instruments[class]) { 0.0 } else { white_um };
             let start = ClassNoise { white_um, drift_um, drift_s: time[TIMES / 2 + 1] };
-            if paired < 2 * FEW || drift_um == 0.0 {
+            if paired < 2 * FEW || !repeats_tell(paired, of_class.count()) || drift_um == 0.0 {
                 return start;
             }
             let found = drift(session, class, &residuals, used, start, &Values::Repeats);
             ClassNoise { white_um: found.white_um.max(floor), ..found }
         })
         .collect()
+}
+
+/// True where enough of some readings are repeats for these to speak for all.
+pub fn repeats_tell(repeated: usize, all: usize) -> bool {
+    5 * repeated >= all
 }
 
 /// True where most readings of a class have partners all over their setup: what then comes back with every repeat is no

@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use super::constants::SIGNIFICANT;
 use super::session::Session;
 
-pub use classes::{from_remainder, from_repeats, pair_residuals};
+pub use classes::{from_remainder, from_repeats, pair_residuals, repeats_tell};
 pub use filter::{ClassNoise, Filter};
 pub use outliers::{Tails, from_partners, outliers, tails};
 pub use quantisation::lattices;

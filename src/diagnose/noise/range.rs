@@ -14,44 +14,42 @@ pub struct RangeNoise {
     pub instrument: usize,
     /// The noise goes with this power of the range.
     pub exponent: f64,
-    /// Its standard deviation.
-    pub std: f64,
+    /// Twice the logarithm of the likelihood against noise that is the same at all distances.
+    pub evidence: f64,
 }
 
-/// Growth of the scatter with the range, from the logarithms of what differs between repeats.
+/// Powers of the range that are tried, in steps of a tenth.
+const TENTHS: core::ops::RangeInclusive<u8> = 2..=40;
+
+/// What differs between repeats, by the distance.
 #[must_use]
 pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
-    let mut found: Option<RangeNoise> = None;
-    for class in 0..session.instruments.len() {
-        let points: Vec<(f64, f64)> = neighbours(session, residuals, class, |m| m.range_mm)
-            .into_iter()
-            .filter(|n| n.of_both > 0.0)
-            .map(|n| (n.of_both.ln(), 0.5 * (n.square + 1e-18).ln()))
-            .collect();
-        let n = points.len() as f64;
-        if points.len() < 5 * FEW {
-            continue;
-        }
-        let (mx, my) =
-            (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
-        let sxx: f64 = points.iter().map(|p| (p.0 - mx).powi(2)).sum();
-        let sxy: f64 = points.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum();
-        if sxx < 1e-2 * n {
-            continue;
-        }
-        let exponent = sxy / sxx;
-        let left: f64 = points.iter().map(|p| (p.1 - my - exponent * (p.0 - mx)).powi(2)).sum();
-        // partners in repeats are not independent: half of them count
-        let std = (2.0 * left / (n - 2.0) / sxx).sqrt();
-        // readings that do not differ say nothing
-        if left <= 0.0 {
-            continue;
-        }
-        if found.as_ref().is_none_or(|f| exponent / std > f.exponent / f.std) {
-            found = Some(RangeNoise { instrument: class, exponent, std });
-        }
-    }
-    found
+    (0..session.instruments.len())
+        .filter_map(|class| {
+            let all = neighbours(session, residuals, class, |m| m.range_mm);
+            let of = all.iter().filter(|n| n.of_both > 0.0);
+            let (rows, axes): (Vec<(f64, f64)>, Vec<usize>) =
+                of.map(|n| ((n.square, n.of_both), n.axis)).unzip();
+            if rows.len() < 5 * FEW {
+                return None;
+            }
+            let (exponent, evidence) = by_range(&rows, &axes)?;
+            Some(RangeNoise { instrument: class, exponent, evidence })
+        })
+        .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+}
+
+/// Power of the range and its evidence from squares of residuals and ranges; `axes` are the directions.
+fn by_range(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
+    let scatter = Scatter::of(rows, axes)?;
+    let middle = rows.iter().map(|r| r.1.ln()).sum::<f64>() / rows.len() as f64;
+    let power = |exponent: f64| scatter.likelihood(&|k| (2.0 * exponent * (rows[k].1.ln() - middle)).exp());
+    let (exponent, best) = TENTHS
+        .map(|tenths| 0.1 * f64::from(tenths))
+        .map(|exponent| (exponent, power(exponent)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let evidence = scatter.evidence(best)?;
+    Some((exponent, evidence))
 }
 
 /// Two readings that follow each other in a run and look the same way.
@@ -138,41 +136,63 @@ fn across_m2(m: &Moment) -> Option<f64> {
 
 /// Noise per distance and its evidence from squares of residuals and squares of distances across; `axes` are the directions.
 fn by_angle(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
-    let n = rows.len() as f64;
-    let mean = rows.iter().map(|r| r.0).sum::<f64>() / n;
-    let most = SIGNIFICANT * SIGNIFICANT * mean;
-    let squares: Vec<f64> = rows.iter().map(|r| r.0.min(most)).collect();
-    let far = rows.iter().map(|r| r.1).sum::<f64>() / n;
-    if far <= 0.0 || mean <= 0.0 {
+    let scatter = Scatter::of(rows, axes)?;
+    let far = rows.iter().map(|r| r.1).sum::<f64>() / rows.len() as f64;
+    if far <= 0.0 {
         return None;
     }
-    // variance = size times (1 - share + share q / mean of q); partners in repeats are not independent: half of them count
-    let likelihood = |shape: &dyn Fn(usize) -> f64| {
-        let size = squares.iter().enumerate().map(|(k, s)| s / shape(k)).sum::<f64>() / n;
-        -0.5 * (n * size.max(1e-300).ln() + (0..rows.len()).map(|k| shape(k).ln()).sum::<f64>())
-    };
-    let even = likelihood(&|_| 1.0);
+    // variance = size times (1 - share + share q / mean of q)
     let (share, best) = (1..=50)
         .map(|k| f64::from(k) / 50.0 * 0.999)
-        .map(|share| (share, likelihood(&|k| 1.0 - share + share * rows[k].1 / far)))
+        .map(|share| (share, scatter.likelihood(&|k| 1.0 - share + share * rows[k].1 / far)))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let own: Vec<f64> = (0..3)
-        .map(|axis| {
-            let of: Vec<f64> =
-                squares.iter().zip(axes).filter(|(_, a)| **a == axis).map(|(s, _)| *s).collect();
-            (of.iter().sum::<f64>() / of.len().max(1) as f64).max(1e-9 * mean)
-        })
-        .collect();
-    let by_axis = likelihood(&|k| own[axes[k]]);
-    let evidence = best - even;
-    let is_a_direction = by_axis - best > HALF * evidence;
-    (share >= HALF && !is_a_direction).then(|| ((mean * share / far).sqrt(), evidence))
+    let evidence = scatter.evidence(best)?;
+    (share >= HALF).then(|| ((scatter.mean * share / far).sqrt(), evidence))
+}
+
+/// Squares of residuals whose variance may have a shape.
+struct Scatter<'a> {
+    /// Squares, clipped.
+    squares: Vec<f64>,
+    /// Direction of each.
+    axes: &'a [usize],
+    /// Their mean before that.
+    mean: f64,
+}
+
+impl<'a> Scatter<'a> {
+    fn of(rows: &[(f64, f64)], axes: &'a [usize]) -> Option<Self> {
+        let mean = rows.iter().map(|r| r.0).sum::<f64>() / rows.len() as f64;
+        let most = SIGNIFICANT * SIGNIFICANT * mean;
+        let squares = rows.iter().map(|r| r.0.min(most)).collect();
+        (mean > 0.0).then_some(Self { squares, axes, mean })
+    }
+
+    /// Logarithm of the likelihood where the variance has a shape.
+    fn likelihood(&self, shape: &dyn Fn(usize) -> f64) -> f64 {
+        let n = self.squares.len();
+        let size = self.squares.iter().enumerate().map(|(k, s)| s / shape(k)).sum::<f64>() / n as f64;
+        -0.5 * (n as f64 * size.max(1e-300).ln() + (0..n).map(|k| shape(k).ln()).sum::<f64>())
+    }
+
+    /// What a shape of this likelihood says against an even scatter: half of the ratio of likelihoods counts, because partners in
+    /// repeats are not independent. None where the directions explain it.
+    fn evidence(&self, likelihood: f64) -> Option<f64> {
+        let evidence = likelihood - self.likelihood(&|_| 1.0);
+        let own: [f64; 3] = core::array::from_fn(|axis| {
+            let of_axis = self.squares.iter().zip(self.axes).filter(|(_, a)| **a == axis);
+            let (sum, n) = of_axis.fold((0.0, 0usize), |(sum, n), (s, _)| (sum + s, n + 1));
+            (sum / n.max(1) as f64).max(1e-9 * self.mean)
+        });
+        let is_a_direction = self.likelihood(&|k| own[self.axes[k]]) - likelihood > HALF * evidence;
+        (!is_a_direction).then_some(evidence)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::Random;
-    use super::{by_angle, is_elsewhere};
+    use super::{by_angle, by_range, is_elsewhere};
 
     /// Readings along three axes at three distances from a station; noise of the angles per metre, of the length, of one axis.
     fn readings(angles: f64, length: f64, one_axis: f64) -> (Vec<(f64, f64)>, Vec<usize>) {
@@ -203,6 +223,25 @@ mod tests {
         assert!(!is_elsewhere(&here, &axes));
         let (rows, axes) = readings(5.0, 1.0, 0.0);
         assert!(is_elsewhere(&rows, &axes));
+    }
+
+    #[test]
+    fn noise_that_grows_with_the_range_is_found_with_its_power() {
+        let mut random = Random::new(5);
+        let mut readings = |exponent: f64| {
+            let rows: Vec<(f64, f64)> = (0..360)
+                .map(|i| {
+                    let range = 700.0 + 3.6 * f64::from(i);
+                    ((2.0 * (range / 1300.0).powf(exponent) * random.normal()).powi(2), range)
+                })
+                .collect();
+            let axes: Vec<usize> = (0..360).map(|i| i % 3).collect();
+            by_range(&rows, &axes).unwrap()
+        };
+        let (exponent, evidence) = readings(1.0);
+        assert!((exponent - 1.0).abs() < 0.4 && evidence > 8.0, "{exponent} {evidence}");
+        let (_, evidence) = readings(0.0);
+        assert!(evidence < 4.0, "{evidence}");
     }
 
     #[test]

@@ -119,11 +119,18 @@ fn day<'a>(
     Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), warmth: sum(&is_warm) }
 }
 
-/// The whitened gap beside what is declared.
+/// The whitened gap beside what is declared. The variation of an effect that is not declared is no noise.
 fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
     let given = a.problem.given(keep);
     let beta = a.problem.fit(&given);
-    (&a.problem.y - a.problem.contribution(&given.columns, &beta)).iter().copied().collect()
+    let mut left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
+    let is_declared = |label: usize| keep.iter().any(|v| a.library.variants[*v].label == label);
+    if let Some(variation) = a.problem.variation()
+        && !variation.labels().all(is_declared)
+    {
+        variation.turn(&mut left, true);
+    }
+    left.iter().copied().collect()
 }
 
 /// Everything that the decision is made from.
@@ -267,11 +274,11 @@ pub(super) fn conclude(
         }
     });
     // what does not repeat explains nothing of a gap that does
-    let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic)
-        && (a.comparison.is_none() || shrink.fraction > LITTLE);
-    let verdict = match (any, unexplained.significant) {
-        (true, false) => Verdict::Explained,
-        (true, true) => Verdict::PartlyExplained,
+    let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic);
+    let is_little = shrink.fraction <= LITTLE;
+    let verdict = match (any && !(is_little && a.comparison.is_some()), unexplained.significant) {
+        (true, false) if !is_little => Verdict::Explained,
+        (true, _) => Verdict::PartlyExplained,
         (false, true) => Verdict::Unexplained,
         (false, false) => Verdict::NoGap,
     };

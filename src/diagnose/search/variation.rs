@@ -132,6 +132,11 @@ impl Variation {
         self.effects.iter().find(|e| e.label == label)
     }
 
+    /// The effects that were asked, as indices into the labels of the library.
+    pub fn labels(&self) -> impl Iterator<Item = usize> {
+        self.effects.iter().map(|e| e.label)
+    }
+
     /// Logarithm of the determinant of what joins the noise.
     #[must_use]
     pub fn log_variance(&self) -> f64 {
@@ -139,7 +144,7 @@ impl Variation {
     }
 
     /// Whitens a column in place, or what was whitened back again.
-    pub(super) fn turn(&self, column: &mut DVector<f64>, back: bool) {
+    pub(crate) fn turn(&self, column: &mut DVector<f64>, back: bool) {
         let mut along = self.basis.tr_mul(column);
         along.component_mul_assign(&self.change(back));
         column.gemv(1.0, &self.basis, &along, 1.0);

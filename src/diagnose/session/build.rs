@@ -67,7 +67,7 @@ impl Session {
             times: Vec::with_capacity(raws.len()),
             instruments: Vec::new(),
             setups: Vec::new(),
-            has_reference_line: false,
+            reference_lines: Vec::new(),
             runs: 0,
             axes: Axis::ALL
                 .into_iter()
@@ -115,11 +115,18 @@ impl Session {
             r.pair = *p;
         }
         session.extra = extra.into_iter().map(|(name, values)| Extra { name, values }).collect();
-        session.has_reference_line = session.is_straightness_test();
-        if session.has_reference_line {
-            session.notes.push(Note::new(
-                "straightness test of one axis: the slope of each set-up is that of its reference line and says nothing of the machine",
-            ));
+        session.reference_lines = session.straightness_tests();
+        let tests = session.setups.iter().zip(&session.reference_lines).filter(|(_, is_test)| **is_test);
+        let tests: Vec<&str> = tests.map(|(setup, _)| setup.as_str()).collect();
+        if !tests.is_empty() {
+            let which = if tests.len() < session.setups.len() {
+                format!("{}: ", tests.join(", "))
+            } else {
+                String::new()
+            };
+            session.notes.push(Note::new(format!(
+                "{which}straightness test of one axis: the slope of each set-up is that of its reference line and says nothing of the machine"
+            )));
         }
         session.history = history;
         session.has_spindle = session.history.sources().contains(&Source::Spindle);

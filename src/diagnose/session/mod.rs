@@ -245,8 +245,8 @@ pub struct Session {
     pub instruments: Vec<String>,
     /// Name of each setup, `file:setup`.
     pub setups: Vec<String>,
-    /// Straightness tests of one axis: each set-up has a reference line, whose slope against the axis is unknown.
-    pub has_reference_line: bool,
+    /// Set-ups that are straightness tests of one axis: their reference line has an unknown slope against the axis.
+    pub reference_lines: Vec<bool>,
     /// Number of runs.
     pub runs: usize,
     /// The axes that have a column.
@@ -307,7 +307,7 @@ impl Session {
     #[must_use]
     pub(crate) fn rotates(&self, reading: usize, one_line: bool) -> bool {
         let turned = || has_rotation(&self.instruments[self.readings[reading].instrument]);
-        self.has_reference_line || !one_line && turned()
+        self.reference_lines[self.readings[reading].setup] || !one_line && turned()
     }
 
     /// The linear axes along which some reading looks.
@@ -317,21 +317,28 @@ impl Session {
         Axis::LINEAR.into_iter().filter(is_seen).collect()
     }
 
-    /// True where every set-up looks across the only linear axis that moves in it, the same in all, from which the slope of its
-    /// reference line is not known (ISO 230-1, straightness).
-    fn is_straightness_test(&self) -> bool {
+    /// Set-ups that look across the only linear axis that moves in them, from which the slope of the reference line is not known
+    /// (ISO 230-1, straightness).
+    fn straightness_tests(&self) -> Vec<bool> {
         let mut spans: Vec<[[f64; 2]; 3]> = vec![[[f64::INFINITY, f64::NEG_INFINITY]; 3]; self.setups.len()];
         for (r, m) in self.readings.iter().zip(&self.moments) {
             for ([low, high], p) in spans[r.setup].iter_mut().zip(m.position) {
                 (*low, *high) = (low.min(p), high.max(p));
             }
         }
-        let mut moved = spans.iter().flat_map(|axes| (0..3).filter(|k| axes[*k][1] - axes[*k][0] > MOVES[0]));
-        let Some(axis) = moved.next() else { return false };
-        let across = |(r, m): (&Reading, &Moment)| {
-            m.u[axis].abs() < SEES && !m.is_angular() && !is_encoder(&self.instruments[r.instrument])
+        let moves = |axes: &[[f64; 2]; 3], k: usize| axes[k][1] - axes[k][0] > MOVES[0];
+        let axis_of = |axes| {
+            let mut moved = (0..3).filter(|k| moves(axes, *k));
+            moved.next().filter(|_| moved.next().is_none())
         };
-        moved.all(|k| k == axis) && self.readings.iter().zip(&self.moments).all(across)
+        let axes: Vec<Option<usize>> = spans.iter().map(axis_of).collect();
+        let mut is_test: Vec<bool> = axes.iter().map(Option::is_some).collect();
+        for (r, m) in self.readings.iter().zip(&self.moments) {
+            let looks_across = axes[r.setup].is_some_and(|axis| m.u[axis].abs() < SEES);
+            is_test[r.setup] &=
+                looks_across && !m.is_angular() && !is_encoder(&self.instruments[r.instrument]);
+        }
+        is_test
     }
 
     /// Measured minus predicted, um.
