@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::input::{InputKind, read_text};
 use super::table::Table;
-use super::{EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure, Result};
 use volcomp_effects::addition::{Addition, Evaluator};
 use volcomp_effects::machine_state::{Axis, Machine, MachineState, Source};
 use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
@@ -40,7 +40,7 @@ pub(super) struct Additions {
 }
 
 /// Reads an addition.
-pub(crate) fn read_addition(path: &Path) -> Result<Addition, Failure> {
+pub(crate) fn read_addition(path: &Path) -> Result<Addition> {
     let text = read_text(path, InputKind::Model)?;
     if text.trim_start().starts_with('{') {
         let format = volcomp_effects::addition::FORMAT;
@@ -66,7 +66,7 @@ impl Additions {
         paths: &[PathBuf],
         (spec, model, hash): (&ModelSpec, &Model, &str),
         table: &Table<R>,
-    ) -> Result<Option<Self>, Failure> {
+    ) -> Result<Option<Self>> {
         if paths.is_empty() {
             return Ok(None);
         }
@@ -102,7 +102,7 @@ impl Additions {
     }
 
     /// What the additions say at the current row: deviation in W, mm.
-    pub(super) fn next<R: BufRead>(&mut self, table: &Table<R>, model: &Model) -> Result<Vec3, Failure> {
+    pub(super) fn next<R: BufRead>(&mut self, table: &Table<R>, model: &Model) -> Result<Vec3> {
         let mut m = MachineState::default();
         for (column, field, factor) in &self.fields {
             let value = table.number(*column)? * factor;
@@ -132,7 +132,7 @@ impl Additions {
 
 /// An addition belongs to the machine beside whose model it was found; one that was found beside none may be looked at beside
 /// any. Another model of the same machine, told by its hash, may hold it already: that is noted.
-pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &str)) -> Result<(), Failure> {
+pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &str)) -> Result<()> {
     if addition.machine.is_empty() {
         return Ok(());
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, status};
+use super::{EX_DATAERR, Failure, Result, status};
 use volcomp_daemon::audit::{AUDIT_FILE, Broken, Line, Summary, head_path, verify_with};
 
 /// Where the daemon of the shipped unit keeps it.
@@ -61,12 +61,12 @@ struct ShowArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     args.verb.run()
 }
 
 /// The log that is meant.
-fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
+fn log_of(which: &WhichLog) -> Result<PathBuf> {
     if let Some(file) = &which.file {
         return Ok(file.clone());
     }
@@ -77,7 +77,7 @@ fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
     Ok(config.with_file_name(directory).join(AUDIT_FILE))
 }
 
-fn verify(args: &VerifyArgs) -> Result<(), Failure> {
+fn verify(args: &VerifyArgs) -> Result<()> {
     let path = log_of(&args.which)?;
     let file = path.display();
     let text = input::read(&path, InputKind::AuditLog)?;
@@ -117,7 +117,7 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
     }
 }
 
-fn show(args: &ShowArgs) -> Result<(), Failure> {
+fn show(args: &ShowArgs) -> Result<()> {
     let path = log_of(&args.which)?;
     let text = input::read_text(&path, InputKind::AuditLog)?;
     let lines: Vec<&str> = text.lines().collect();

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
+use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, Result};
 use volcomp_daemon::SelfBenchmarkError;
 
 /// Nanoseconds in a microsecond.
@@ -29,7 +29,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if !(1..=CYCLES_MAX).contains(&args.cycles) {
         let message = format_args!("error: --cycles {}; give 1 to {CYCLES_MAX}", args.cycles);
         return Err(Failure::new(EX_USAGE, message));

@@ -10,7 +10,7 @@ use super::files::{read_model, write_text};
 use super::input::{self, InputKind};
 use super::numerals::counted;
 use super::quantities::{offset_as_is, offset_unit};
-use super::{EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure, Result};
 use volcomp_formats::part_program::{Corrected, Request, correct};
 use volcomp_model::Model;
 use volcomp_units::axes::{AxisName, MAX_AXES};
@@ -67,7 +67,7 @@ fn at(text: &str) -> Result<(AxisName, f64), String> {
     Ok((axis_letter(axis)?, number(value)?))
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if args.json && args.out.as_os_str() == "-" {
         return Err(Failure::usage("--json and --out - cannot both go to stdout"));
     }

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::Failure;
+use super::Result;
 use volcomp_engine::fault::{CATALOGUE, Code, Entry, named};
 
 /// Explain a number or name from status, log or audit: cause, reaction, remedy.
@@ -19,7 +19,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let entries = if args.code.is_empty() {
         CATALOGUE.iter().collect()
     } else {
@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn find(text: &str) -> Result<&'static Entry, Failure> {
+fn find(text: &str) -> Result<&'static Entry> {
     Code::parse(text).and_then(Code::entry).or_else(|| named(text)).ok_or_else(|| {
         usage!("{text} is not a number or name that volcomp uses; volcomp explain lists them all")
     })

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::status::{machine, socket_of};
-use super::{EX_CONFIG, EX_IOERR, Failure};
+use super::{EX_CONFIG, EX_IOERR, Failure, Result};
 use volcomp_gateway::GatewayError;
 
 /// Publish the status by MQTT and as an MTConnect adapter (SHDR), read-only, until stopped
@@ -25,7 +25,7 @@ pub(super) struct Args {
     socket: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let config = machine(&args.config)?;
     let socket = match &args.socket {
         Some(socket) => socket.clone(),

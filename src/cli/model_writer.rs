@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::files::{read_model_file, write_model};
 use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, targets};
+use super::{EX_DATAERR, Failure, Result, targets};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
 use volcomp_model::geometry::Vec3;
@@ -40,14 +40,14 @@ impl ModelWriter {
     }
 
     /// Reads --into and looks at the target before any work is done.
-    pub(super) fn check(&self) -> Result<Option<ModelFile>, Failure> {
+    pub(super) fn check(&self) -> Result<Option<ModelFile>> {
         self.target().map_or(Ok(()), targets::check_model)?;
         self.into.as_ref().map(|path| read_model_file(path)).transpose()
     }
 
     /// The model before anything was found: that of --into with its provenance, or an empty one with the chain of
     /// --chain, else `default_chain`.
-    pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile, Failure> {
+    pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile> {
         let mut file = match &self.into {
             Some(path) => read_model_file(path)?,
             None => {
@@ -79,12 +79,7 @@ impl ModelWriter {
 
     /// Checks the model and writes it to [`target`](Self::target); `comment` says where it came from, `files` are named in
     /// errors. Names the points of rotary axes that nobody stated.
-    pub(super) fn write(
-        &self,
-        model: &ModelFile,
-        comment: &[String],
-        files: &[PathBuf],
-    ) -> Result<(), Failure> {
+    pub(super) fn write(&self, model: &ModelFile, comment: &[String], files: &[PathBuf]) -> Result<()> {
         // an axis of the model before has the point that was written there
         let before = self.into.as_ref().map(|path| read_model_file(path)).transpose()?;
         self.write_from(before.as_ref().map(|file| &file.spec), model, comment, files)
@@ -97,7 +92,7 @@ impl ModelWriter {
         model: &ModelFile,
         comment: &[String],
         files: &[PathBuf],
-    ) -> Result<(), Failure> {
+    ) -> Result<()> {
         Model::new(&model.spec).map_err(|e| data_error(files, e))?;
         let Some(out) = self.target() else {
             return Err(usage!("neither --out nor --into is given"));

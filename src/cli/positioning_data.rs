@@ -8,7 +8,7 @@ use std::path::Path;
 use super::acceptance::Stated;
 use super::input::{self, InputKind, text_of};
 use super::table::Table;
-use super::{EX_DATAERR, EX_USAGE, Failure};
+use super::{EX_DATAERR, EX_USAGE, Failure, Result};
 use volcomp_formats::detect;
 use volcomp_formats::iso230_dat;
 use volcomp_formats::positioning_test::PositioningTest;
@@ -76,7 +76,7 @@ pub(super) fn instrument_test(
     bytes: &[u8],
     axis: Option<AxisName>,
     unit: Option<DeviationUnit>,
-) -> Result<Option<Test>, Failure> {
+) -> Result<Option<Test>> {
     let fail = |e: FormatError| format_failure(file, &e);
     match detect::format(bytes) {
         Some(detect::Format::Iso230Dat) => {
@@ -168,14 +168,14 @@ impl Cycles {
     }
 
     /// Keeps the readings of the selected cycles.
-    pub(super) fn select(&self, file: &str, test: &mut PositioningTest) -> Result<(), Failure> {
+    pub(super) fn select(&self, file: &str, test: &mut PositioningTest) -> Result<()> {
         self.check(file, &test.readings)?;
         test.retain(|r| self.contains(r.cycle));
         Ok(())
     }
 
     /// Refuses a selection of cycles that the readings do not have.
-    pub(super) fn check(&self, file: &str, readings: &[Reading]) -> Result<(), Failure> {
+    pub(super) fn check(&self, file: &str, readings: &[Reading]) -> Result<()> {
         let mut present: Vec<u32> = readings.iter().map(|r| r.cycle).collect();
         present.sort_unstable();
         present.dedup();
@@ -191,7 +191,7 @@ impl Cycles {
 }
 
 /// Reads a positioning test with what its file states about it.
-pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningTest, Stated), Failure> {
+pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningTest, Stated)> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
     if format == TestFormat::Auto
@@ -208,7 +208,7 @@ pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningT
 }
 
 /// The `.dat` of ecmc loggers.
-pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest, Failure> {
+pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest> {
     iso230_dat::parse(text).map_err(|e| format_failure(file, &e))
 }
 
@@ -223,7 +223,7 @@ pub(super) struct TestColumns {
 
 impl TestColumns {
     /// Finds the columns; `extra` are allowed beside them.
-    pub(super) fn find<R: BufRead>(table: &Table<R>, extra: &[&str]) -> Result<Self, Failure> {
+    pub(super) fn find<R: BufRead>(table: &Table<R>, extra: &[&str]) -> Result<Self> {
         let rotary = table.find("target_deg").is_some() || table.find("deviation_arcsec").is_some();
         let (kind, target, deviation) = if rotary {
             (AxisKind::Rotary, "target_deg", "deviation_arcsec")
@@ -244,7 +244,7 @@ impl TestColumns {
     }
 
     /// The reading of the current row.
-    pub(super) fn reading<R: BufRead>(&self, table: &Table<R>) -> Result<Reading, Failure> {
+    pub(super) fn reading<R: BufRead>(&self, table: &Table<R>) -> Result<Reading> {
         let (target, deviation) = (table.number(self.target)?, table.number(self.deviation)?);
         Ok(Reading {
             cycle: table.count(self.cycle)?,
@@ -256,7 +256,7 @@ impl TestColumns {
 }
 
 /// The CSV of `docs/reference/tables.md` 3.
-pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTest, Failure> {
+pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTest> {
     let columns = TestColumns::find(&table, &["t_s"])?;
     let time = table.find("t_s");
     let (mut readings, mut lines, mut times_s) = (Vec::new(), Vec::new(), Vec::new());

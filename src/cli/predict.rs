@@ -14,7 +14,7 @@ use super::additions::Additions;
 use super::files::{Rows, read_hashed_model};
 use super::quantities::{offset_as_is, offset_unit, position_unit};
 use super::table::{self, Table, nearest, other_unit};
-use super::{EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure, Result};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::search::Volume;
 use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, ModelSpec, Pose};
@@ -54,7 +54,7 @@ const KEPT: &str = "t_s instrument setup run repeat pair u_x u_y u_z deviation_u
 const KEPT_STEMS: [&str; 9] =
     ["since_reversal_", "target_", "lever_", "station_", "force_", "temp_", "load_", "note_", "label"];
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if args.circle.is_wanted() {
         return circle::run(args);
     }
@@ -131,7 +131,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn find<R: BufRead>(table: &Table<R>, model: &Model) -> Result<Self, Failure> {
+    fn find<R: BufRead>(table: &Table<R>, model: &Model) -> Result<Self> {
         let mut found = Self { names: model.axes().map(|a| a.name).collect(), ..Self::default() };
         found.corrected =
             model.axes().enumerate().filter(|(_, a)| !a.spindle).map(|(k, a)| (a.name, k)).collect();
@@ -180,7 +180,7 @@ impl Columns {
         table: &Table<R>,
         model: &Model,
         additions: Option<&Additions>,
-    ) -> Result<(), Failure> {
+    ) -> Result<()> {
         let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(Additions::take_length);
         match self.tool_length {
             Some(length) if !used => Err(table.fail(
@@ -239,7 +239,7 @@ impl Columns {
         table: &Table<R>,
         model: &Model,
         pose: &Pose,
-    ) -> Result<[f64; DYNAMIC_MAX], Failure> {
+    ) -> Result<[f64; DYNAMIC_MAX]> {
         let mut motions = pose.travel.map(AxisMotion::after);
         for (column, k, kind, unit) in &self.motion {
             let value = table.number(*column)? * unit;
@@ -327,7 +327,7 @@ impl Columns {
     }
 
     #[inline]
-    fn pose<R: BufRead>(&self, table: &Table<R>, model: &Model) -> Result<Pose, Failure> {
+    fn pose<R: BufRead>(&self, table: &Table<R>, model: &Model) -> Result<Pose> {
         let mut pose = Pose::at([0.0; MAX_AXES]);
         for &(column, k, unit) in &self.axes {
             pose.position[k] = table.number(column)? * unit;

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::numerals::counted;
 use super::recordings::{self, Missing, Parsed, Walked};
-use super::{EX_DATAERR, Failure, files, status};
+use super::{EX_DATAERR, Failure, Result, files, status};
 use volcomp_daemon::replay::{Difference, Gap, Replay, Report};
 
 /// Exit code where a correction came out otherwise.
@@ -40,7 +40,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut parsed = recordings::read(&args.recordings)?;
     let mut replay = prepare(args, &parsed)?;
     let walked = recordings::walk(&mut parsed, |item| {
@@ -67,7 +67,7 @@ fn is_complete(report: &Report, walked: &Walked) -> bool {
         && report.compared == report.cycles
 }
 
-fn judge(report: &Report, walked: &Walked) -> Result<(), Failure> {
+fn judge(report: &Report, walked: &Walked) -> Result<()> {
     let complete = is_complete(report, walked);
     let part = if complete { "" } else { "; the recording is incomplete, too" };
     let Report { differing, compared, cycles, .. } = report;
@@ -91,7 +91,7 @@ fn judge(report: &Report, walked: &Walked) -> Result<(), Failure> {
     Ok(())
 }
 
-fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay, Failure> {
+fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay> {
     let file = recordings::first(parsed)?;
     let (path, meta) = (file.path.display(), &file.meta);
     let config = match &args.config {

@@ -10,7 +10,7 @@ use std::path::Path;
 use super::input::{self, InputKind, ROWS_MAX};
 use super::positioning_data::no_rows;
 use super::progress::Progress;
-use super::{EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure, Result};
 use volcomp_formats::text::finite;
 use volcomp_units::axes::Travel;
 use volcomp_units::conversion;
@@ -46,25 +46,25 @@ pub(super) struct Table<R> {
 pub(super) const STDIN: &str = "<stdin>";
 
 /// Opens a file whose rows are kept in memory, or standard input for `-`.
-pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
+pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>> {
     open_as(path, InputKind::Table)
 }
 
 /// Opens a file whose rows are not kept, or standard input for `-`.
-pub(super) fn open_stream(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
+pub(super) fn open_stream(path: &Path) -> Result<Table<Box<dyn BufRead>>> {
     let mut table = open_as(path, InputKind::Stream)?;
     table.rows_left = u64::MAX;
     Ok(table)
 }
 
-fn open_as(path: &Path, kind: InputKind) -> Result<Table<Box<dyn BufRead>>, Failure> {
+fn open_as(path: &Path, kind: InputKind) -> Result<Table<Box<dyn BufRead>>> {
     let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
     Table::new(Box::new(input::open(path, kind)?.buffered()), file)
 }
 
 impl<R: BufRead> Table<R> {
     /// Reads the header.
-    pub(super) fn new(source: R, file: String) -> Result<Self, Failure> {
+    pub(super) fn new(source: R, file: String) -> Result<Self> {
         let progress = Progress::new(Path::new(&file));
         let mut table = Self {
             source,
@@ -139,7 +139,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Index of a column that must be there.
-    pub(super) fn require(&self, name: &str) -> Result<usize, Failure> {
+    pub(super) fn require(&self, name: &str) -> Result<usize> {
         self.find(name).ok_or_else(|| {
             let of_other_unit = || self.columns.iter().find_map(|column| other_unit(column, name));
             let near = || nearest(name, self.columns.iter().map(String::as_str));
@@ -151,7 +151,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Refuses columns that are not known.
-    pub(super) fn only(&self, known: &[&str]) -> Result<(), Failure> {
+    pub(super) fn only(&self, known: &[&str]) -> Result<()> {
         match self.columns.iter().position(|c| !known.contains(&c.as_str())) {
             Some(i) => Err(self.fail(i, format_args!("unknown column; columns are {}", known.join(", ")))),
             None => Ok(()),
@@ -159,7 +159,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Goes to the next row; false at the end.
-    pub(super) fn advance(&mut self) -> Result<bool, Failure> {
+    pub(super) fn advance(&mut self) -> Result<bool> {
         if !self.next_line()? {
             self.progress.finish();
             return Ok(false);
@@ -183,10 +183,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// What `read` makes of every row, of which there must be one.
-    pub(super) fn some_rows<T>(
-        &mut self,
-        mut read: impl FnMut(&Self) -> Result<T, Failure>,
-    ) -> Result<Vec<T>, Failure> {
+    pub(super) fn some_rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
         let mut rows = Vec::new();
         while self.advance()? {
             rows.push(read(self)?);
@@ -196,19 +193,19 @@ impl<R: BufRead> Table<R> {
 
     /// A finite number.
     #[inline]
-    pub(super) fn number(&self, column: usize) -> Result<f64, Failure> {
+    pub(super) fn number(&self, column: usize) -> Result<f64> {
         let parsed = std::str::from_utf8(self.field(column)).ok().and_then(finite);
         parsed.ok_or_else(|| self.bad_number(column))
     }
 
     /// A finite number, or NaN where the field is empty.
     #[cfg(feature = "diagnosis")]
-    pub(super) fn number_or_empty(&self, column: usize) -> Result<f64, Failure> {
+    pub(super) fn number_or_empty(&self, column: usize) -> Result<f64> {
         if self.field(column).is_empty() { Ok(f64::NAN) } else { self.number(column) }
     }
 
     /// A whole number from 0 up.
-    pub(super) fn count(&self, column: usize) -> Result<u32, Failure> {
+    pub(super) fn count(&self, column: usize) -> Result<u32> {
         let value = self.number(column)?;
         if value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value) {
             Ok(value as u32)
@@ -219,7 +216,7 @@ impl<R: BufRead> Table<R> {
 
     /// A direction of travel.
     #[inline]
-    pub(super) fn travel(&self, column: usize) -> Result<Travel, Failure> {
+    pub(super) fn travel(&self, column: usize) -> Result<Travel> {
         match self.number(column) {
             Ok(1.0) => Ok(Travel::Forward),
             Ok(-1.0) => Ok(Travel::Reverse),
@@ -277,7 +274,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Reads lines until one holds data; false at the end of the file.
-    fn next_line(&mut self) -> Result<bool, Failure> {
+    fn next_line(&mut self) -> Result<bool> {
         loop {
             self.text.clear();
             let read = (&mut self.source)
@@ -399,7 +396,7 @@ fn distance(a: &[char], b: &[char]) -> usize {
 mod tests {
     use super::*;
 
-    fn table(text: &str) -> Result<Table<&[u8]>, Failure> {
+    fn table(text: &str) -> Result<Table<&[u8]>> {
         Table::new(text.as_bytes(), "t.csv".to_owned())
     }
 

@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 
 use clap::{Arg, ArgMatches, Command};
 
-use super::Failure;
+use super::{Failure, Result};
 
 /// Options that name a file to write.
 const WRITES: &[&str] = &[
@@ -49,7 +49,7 @@ pub(super) fn record_input(path: &Path) {
 }
 
 /// Refuses to write over a file that this command has read.
-pub(super) fn check(path: &Path) -> Result<(), Failure> {
+pub(super) fn check(path: &Path) -> Result<()> {
     let is_read = |file: PathBuf| READ.lock().unwrap_or_else(PoisonError::into_inner).contains(&file);
     if file_of(path).is_some_and(is_read) {
         return Err(usage!("{}: is an input of this command; write to another file", path.display()));
@@ -59,7 +59,7 @@ pub(super) fn check(path: &Path) -> Result<(), Failure> {
 
 /// Refuses to write a model over an existing file that is none.
 #[expect(clippy::disallowed_methods, reason = "looks at the file to be replaced, which is no input")]
-pub(super) fn check_model(path: &Path) -> Result<(), Failure> {
+pub(super) fn check_model(path: &Path) -> Result<()> {
     let Some(file) = file_of(path) else { return check_folder(path) };
     let mut head = Vec::new();
     let io = |e: &std::io::Error| Failure::io(path, e);
@@ -73,7 +73,7 @@ pub(super) fn check_model(path: &Path) -> Result<(), Failure> {
 }
 
 /// Refuses a target in a folder that does not exist.
-fn check_folder(path: &Path) -> Result<(), Failure> {
+fn check_folder(path: &Path) -> Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let is_there = path.as_os_str() == "-" || folder.is_none_or(Path::is_dir);
     if is_there { Ok(()) } else { Err(Failure::io(path, &ErrorKind::NotFound.into())) }

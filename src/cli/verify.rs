@@ -16,7 +16,7 @@ use crate::input::{self, InputKind};
 use crate::numerals::plain;
 use crate::report::Table;
 use crate::report_page::{Plot, Style};
-use crate::{Failure, table};
+use crate::{Failure, Result, table};
 use volcomp_evaluate::reduction::about_end_points;
 use volcomp_evaluate::{Placed, Reduction, Size, Uncertain};
 use volcomp_units::axes::Travel;
@@ -80,7 +80,7 @@ struct Verified {
     device: Option<f64>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let files = [args.before.as_path(), args.after.as_path()];
     if args.json && args.report.as_ref().is_some_and(|p| p.as_os_str() == "-") {
         return Err(usage!("--json and the report cannot both go to stdout"));
@@ -359,7 +359,7 @@ struct Motion {
 }
 
 /// Two runs of error motions; straightnesses about their end-point line.
-fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
+fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
     let [before, after] = [read_motions(files[0])?, read_motions(files[1])?];
     let names = |m: &[Motion]| m.iter().map(|m| m.name.clone()).collect::<Vec<_>>();
     if names(&before) != names(&after) {
@@ -407,7 +407,7 @@ fn m_title(column: &str) -> String {
     column.trim_end_matches("_um").to_uppercase()
 }
 
-fn read_motions(path: &Path) -> Result<Vec<Motion>, Failure> {
+fn read_motions(path: &Path) -> Result<Vec<Motion>> {
     let mut table = table::open(path)?;
     let (position, direction) = (table.require("position_mm")?, table.find("direction"));
     let columns =

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::Failure;
+use crate::Result;
 use crate::input::{self, InputKind};
 
 /// Figures of one test with their limits or uncertainties, by their keys such as `a-um`.
@@ -135,7 +135,7 @@ pub(crate) struct HeadFile {
 
 impl HeadFile {
     /// Reads a head.
-    pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
         let bad = |what: &dyn core::fmt::Display| mistake!(path, "{what}");
         let head: Self =

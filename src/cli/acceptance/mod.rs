@@ -6,7 +6,7 @@ pub(crate) mod verdicts;
 
 use std::path::{Path, PathBuf};
 
-use crate::Failure;
+use crate::Result;
 use crate::report::Page;
 use crate::report::page::Cell;
 use head_file::Numbers;
@@ -80,7 +80,7 @@ pub(crate) struct Acceptance {
 
 impl Acceptance {
     /// Reads what the arguments name; `keys` are the figures of the test that may have a tolerance.
-    pub(crate) fn load(args: &HeadArgs, test: &str, keys: &[String]) -> Result<Self, Failure> {
+    pub(crate) fn load(args: &HeadArgs, test: &str, keys: &[String]) -> Result<Self> {
         let mut head = args.head.as_deref().map(HeadFile::read).transpose()?.unwrap_or_default();
         let keys: Vec<String> = keys.iter().map(|k| toml_key(k)).collect();
         let expected = format!("expected one of {}", keys.join(", "));

@@ -17,7 +17,7 @@ use self::text_report::{describe_machine, describe_model, expiry_note, machine_n
 use super::input::{self, InputKind};
 use super::numerals::micro;
 use super::quantities::{offset_out, offset_unit};
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
+use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure, Result};
 use volcomp_config as config;
 use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
 use volcomp_daemon::with_additions;
@@ -41,7 +41,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let outcomes: Vec<Outcome> = args.files.iter().map(|f| Outcome::of(f)).collect();
     let report = if args.json {
         let ok = outcomes.iter().all(|o| o.problem.is_none());

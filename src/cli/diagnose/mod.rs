@@ -20,7 +20,7 @@ use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{is_of, read_addition};
 use super::files::{read_hashed_model, write_text};
-use super::{EX_DATAERR, Failure, exit};
+use super::{EX_DATAERR, Failure, Result, exit};
 use volcomp_diagnose::library::{Label, Without};
 use volcomp_diagnose::session::{Note, Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
@@ -127,7 +127,7 @@ fn without(text: &str) -> Result<Without, String> {
     Ok(Without { effect, subject })
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(name) = &args.list_effects {
         return text_report::list_effects(name);
     }
@@ -206,7 +206,7 @@ fn load(
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
-) -> Result<(Session, Option<Rotary>, usize), Failure> {
+) -> Result<(Session, Option<Rotary>, usize)> {
     let mut raws: Vec<Raw> = Vec::with_capacity(files.len());
     let (mut detected, mut rotary) = (Vec::new(), None);
     for path in files {

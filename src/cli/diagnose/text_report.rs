@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::numerals::counted;
-use crate::{Failure, exit};
+use crate::{Result, exit};
 use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::{EFFECTS, Effect, Kind};
 use volcomp_diagnose::plan::PlanReport;
@@ -34,7 +34,7 @@ fn with_subject(e: &Effect) -> String {
 }
 
 /// All effects in a line each, or the page of one.
-pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
+pub(super) fn list_effects(name: &str) -> Result<()> {
     if name.is_empty() {
         for e in EFFECTS {
             say!("{:38} {:10} {}", with_subject(e), kind(e.kind), e.cause);
@@ -76,7 +76,7 @@ pub(super) fn summary(
     compensable: &Compensable,
     stated: usize,
     out: Option<&Path>,
-) -> Result<(), Failure> {
+) -> Result<()> {
     let r = &found.report;
     say!("{}: {}", r.verdict.words(), headline(found));
     say!("{} of {} used", r.rows_used, counted(r.rows, "reading"));
@@ -224,7 +224,7 @@ fn doubts(c: &Cause) {
 }
 
 /// What a plan sees.
-pub(super) fn plan(p: &PlanReport, json: bool) -> Result<(), Failure> {
+pub(super) fn plan(p: &PlanReport, json: bool) -> Result<()> {
     if json {
         let text = serde_json::to_string_pretty(p).map_err(|e| failure!(crate::EX_SOFTWARE, "{e}"))?;
         return exit::print(&format!("{text}\n"));

@@ -17,7 +17,7 @@ use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
 use crate::numerals::{counted, plain};
 use crate::units::check_size;
-use crate::{Failure, table};
+use crate::{Result, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
@@ -103,7 +103,7 @@ pub(crate) const fn reading(s: &Sample) -> CircularReading {
 }
 
 /// The samples of a file, which may have these columns and no others.
-pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>, Failure> {
+pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
@@ -126,7 +126,7 @@ fn read(
     wanted_feed: Option<f64>,
     overshoot: Option<f64>,
     uncertainties: CircularUncertainties,
-) -> Result<Evaluated, Failure> {
+) -> Result<Evaluated> {
     let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
     let samples = of_one_feed(wanted_feed, path, samples(path, &known)?)?;
     let largest = samples.iter().map(|s| um_from_mm(s.deviation).abs()).fold(0.0, f64::max);
@@ -147,7 +147,7 @@ fn read(
 }
 
 /// The readings of the feed asked for; of several feeds one must be.
-fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
+fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>> {
     let mut feeds: Vec<f64> = samples.iter().filter_map(|s| s.feed).collect();
     feeds.sort_by(f64::total_cmp);
     feeds.dedup();
@@ -168,7 +168,7 @@ fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let centring = match args.centring {
         CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
         CentringArg::None => Centring::None,
@@ -244,7 +244,7 @@ fn report(
     after: &Evaluated,
     old: Option<&[Assessed]>,
     pictures: &[(&str, Shown<'_>)],
-) -> Result<String, Failure> {
+) -> Result<String> {
     let [a, b] = args.plane;
     let mut facts = vec![("plane", format!("{a}{b}, angles from {a} towards {b}"))];
     facts.extend(args.radius_mm.map(|r| ("nominal radius", format!("{r} mm"))));
@@ -279,7 +279,7 @@ fn report(
 const SECTORS: f64 = 360.0;
 
 /// Two tests for `volcomp verify`: radial deviations about the common least-squares circle.
-pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared> {
     let centring = Centring::LeastSquares { radius: options.radius_mm };
     let u = CircularUncertainties::of(options.u_device, None, None);
     let read = |path: &Path| read(path, centring, options.feed_mm_per_min, None, u);

@@ -19,7 +19,7 @@ use crate::positioning_data::TestColumns;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
 use crate::report::{Page, Table};
 use crate::units::check_size;
-use crate::{Failure, table};
+use crate::{Result, table};
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
 };
@@ -49,7 +49,7 @@ struct Evaluated {
     result: DiagonalTest,
 }
 
-fn read(path: &Path) -> Result<Evaluated, Failure> {
+fn read(path: &Path) -> Result<Evaluated> {
     let mut table = table::open(path)?;
     let name = table.require("diagonal")?;
     let columns = TestColumns::find(&table, &["diagonal"])?;
@@ -108,7 +108,7 @@ fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Condition
         .collect()
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let acceptance = Acceptance::load(&args.output.head, "iso230-6", &keys())?;
     let after = read(args.output.data(&args.data))?;
     let conditions = args.uncertainty.conditions(AxisKind::Linear)?;
@@ -216,7 +216,7 @@ fn report(
     after: &Evaluated,
     before: Option<(&Evaluated, &[Assessed])>,
     y: [f64; 2],
-) -> Result<String, Failure> {
+) -> Result<String> {
     let standard = "Positioning along the body diagonals, ISO 230-6:2002";
     let mut page = args.output.page([&args.data, &args.before], (title, standard), judged, &[]);
     page.heading("Worst of the four diagonals");
@@ -257,7 +257,7 @@ fn each(page: &mut Page, after: &Evaluated, before: Option<&Evaluated>) {
 }
 
 /// The test with each diagonal about its mean: the zero of the interferometer belongs to its set-up.
-fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated, Failure> {
+fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated> {
     let about = |(d, r): &(Diagonal, PositioningReading)| {
         let own = of(&test, *d);
         let mean = own.iter().map(|r| r.deviation).sum::<f64>() / own.len().max(1) as f64;
@@ -269,7 +269,7 @@ fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated, Failure> {
 }
 
 /// Two tests for `volcomp verify`.
-pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared> {
     let read = |path: &Path| about_means(path, read(path)?);
     let [before, after] = [read(files[0])?, read(files[1])?];
     let scales = [scale(&after, Some(&before)), scale(&after, None)];

@@ -11,7 +11,7 @@ use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
 use crate::arg_parsers::{above_zero, number};
 use crate::report::Table;
-use crate::{Failure, table};
+use crate::{Failure, Result, table};
 use volcomp_evaluate::gear::{
     CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, flanks, tolerance_um,
 };
@@ -70,7 +70,7 @@ fn names(f: &OfFlank) -> (&'static str, &'static str, &'static str) {
     (direction, letter, flank)
 }
 
-fn gear(args: &Args) -> Result<Gear, Failure> {
+fn gear(args: &Args) -> Result<Gear> {
     let gear = Gear {
         teeth: args.teeth,
         module_mm: args.module_mm,
@@ -85,7 +85,7 @@ fn gear(args: &Args) -> Result<Gear, Failure> {
 }
 
 /// All flanks of a file, profiles first.
-fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
+fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>> {
     let mut table = table::open(path)?;
     let [direction, flank, tooth] =
         [table.require("direction")?, table.require("flank")?, table.require("tooth")?];
@@ -109,7 +109,7 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
     })
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     let judged = Judged { acceptance, figures: Vec::new() };
     let gear = gear(args)?;
@@ -255,7 +255,7 @@ fn report(
     gear: &Gear,
     figures: &Table,
     shown: &[(&'static str, Vec<Panel>)],
-) -> Result<String, Failure> {
+) -> Result<String> {
     let [profile, lead] = [Direction::Profile, Direction::Helix].map(|d| gear.part(d).evaluation);
     let Gear { teeth, module_mm, face_width_mm, tip_diameter_mm, control_diameter_mm, .. } = gear;
     let Args { pressure_angle_deg, helix_angle_deg, .. } = args;
@@ -276,6 +276,6 @@ fn report(
     let step = drawing::step_um(shown);
     let plot =
         |(heading, panels): &(&'static str, Vec<Panel>)| Ok((*heading, drawing::single(panels, step)?));
-    page.plots(&shown.iter().map(plot).collect::<Result<Vec<_>, Failure>>()?, caption);
+    page.plots(&shown.iter().map(plot).collect::<Result<Vec<_>>>()?, caption);
     Ok(page::finish(page, judged))
 }

@@ -20,7 +20,7 @@ use serde_json::{Map, Value, json};
 use super::acceptance::HeadArgs;
 use super::files::write_text;
 use super::numerals::{plain, signed};
-use super::{Failure, table};
+use super::{Failure, Result, table};
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::report::Page;
@@ -77,7 +77,7 @@ struct Output {
     head: HeadArgs,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     args.test.run()
 }
 
@@ -109,10 +109,10 @@ impl Output {
     fn deliver(
         &self,
         svg: impl FnOnce() -> Svg,
-        page: impl FnOnce() -> Result<String, Failure>,
+        page: impl FnOnce() -> Result<String>,
         json: impl FnOnce() -> Map<String, Value>,
         print: impl FnOnce(),
-    ) -> Result<(), Failure> {
+    ) -> Result<()> {
         let stdout_taken = [&self.svg, &self.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
         if self.json && stdout_taken {
             return Err(usage!("--json and a picture or report cannot both go to stdout"));
@@ -189,7 +189,7 @@ impl Compared {
 }
 
 /// Compares two files of one test of ISO 230; `None` where the columns are of none.
-pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Option<Compared>, Failure> {
+pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Option<Compared>> {
     let kinds: Vec<Option<Kind>> = files.into_iter().map(kind).collect::<Result<_, _>>()?;
     match kinds[..] {
         [Some(a), Some(b)] if a == b => match a {
@@ -232,7 +232,7 @@ impl Kind {
     }
 }
 
-fn kind(path: &Path) -> Result<Option<Kind>, Failure> {
+fn kind(path: &Path) -> Result<Option<Kind>> {
     let is_dat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dat"));
     if is_dat {
         return Ok(Some(Kind::Positioning));
@@ -327,7 +327,7 @@ fn before_and_after<T>(
     [before, after]: [&T; 2],
     [common, own]: [[f64; 2]; 2],
     plot: impl Fn(&T, [f64; 2]) -> Svg,
-) -> Result<Vec<(&'static str, String)>, Failure> {
+) -> Result<Vec<(&'static str, String)>> {
     let mut plots = vec![("Before", plot(before, common)?), ("After, same scale", plot(after, common)?)];
     if is_flat(own, common) {
         plots.push(("After, own scale", plot(after, own)?));

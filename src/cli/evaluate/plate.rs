@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
-use crate::Failure;
+use crate::Result;
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
 use crate::arg_parsers::one_of;
@@ -65,7 +65,7 @@ struct Plate {
     points: Vec<PlatePoint>,
 }
 
-fn read(args: &Args) -> Result<Plate, Failure> {
+fn read(args: &Args) -> Result<Plate> {
     let path = args.output.data(&args.data);
     let text = input::read_text(path, InputKind::Table)?;
     let keep = |diameter: Option<f64>| match (args.nominal_diameter_mm, diameter) {
@@ -85,11 +85,7 @@ fn read(args: &Args) -> Result<Plate, Failure> {
     Ok(plate)
 }
 
-fn read_csv(
-    args: &Args,
-    text: String,
-    keep: impl Fn(Option<f64>) -> bool,
-) -> Result<Vec<PlatePoint>, Failure> {
+fn read_csv(args: &Args, text: String, keep: impl Fn(Option<f64>) -> bool) -> Result<Vec<PlatePoint>> {
     let mut table = Csv::new(Cursor::new(text), args.output.data(&args.data).display().to_string())?;
     let nominal = [table.require("nominal_x_mm")?, table.require("nominal_y_mm")?];
     let deviations = table.find("deviation_x_um").is_some() || table.find("deviation_y_um").is_some();
@@ -115,7 +111,7 @@ fn read_csv(
     Ok(points.into_iter().flatten().collect())
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     let judged = Judged { acceptance, figures: Vec::new() };
     if let Some(bad) = args.std_um.filter(|s| !(s.is_finite() && *s > 0.0)) {
@@ -143,7 +139,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 const IMPLAUSIBLE: f64 = 0.01;
 
 /// Refuses what no machine does: exchanged columns, other units.
-fn refuse_implausible(args: &Args, fit: &PlateFit) -> Result<(), Failure> {
+fn refuse_implausible(args: &Args, fit: &PlateFit) -> Result<()> {
     let path = args.output.data(&args.data);
     let scales = fit.scales.into_iter().flatten().chain(fit.scale);
     if let Some(scale) = scales.map(|e| e.value).find(|v| v.abs() > IMPLAUSIBLE) {
@@ -255,13 +251,7 @@ fn as_json(plate: &Plate, fit: &PlateFit) -> Map<String, Value> {
     report.as_object().cloned().unwrap_or_default()
 }
 
-fn report(
-    args: &Args,
-    title: &str,
-    judged: &Judged,
-    plate: &Plate,
-    fit: &PlateFit,
-) -> Result<String, Failure> {
+fn report(args: &Args, title: &str, judged: &Judged, plate: &Plate, fit: &PlateFit) -> Result<String> {
     let model = match args.model {
         PlateModel::Rigid => "offset and rotation",
         PlateModel::Similarity => "offset, rotation and one scale",

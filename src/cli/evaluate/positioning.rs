@@ -11,7 +11,7 @@ use super::{
     CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, put_before, show,
     side_by_side, values,
 };
-use crate::Failure;
+use crate::Result;
 use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
@@ -81,7 +81,7 @@ fn read(
     format: TestFormat,
     cycles: Option<&Cycles>,
     uncertainty: &UncertaintyArgs,
-) -> Result<Evaluated, Failure> {
+) -> Result<Evaluated> {
     let (mut test, stated) = read_test(path, format)?;
     if let Some(cycles) = cycles {
         cycles.select(&path.display().to_string(), &mut test)?;
@@ -104,7 +104,7 @@ fn read(
 }
 
 /// Looks at the unit of the deviations.
-fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<(), Failure> {
+fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<()> {
     let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
     let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
     check_size(&path.display().to_string(), column, largest, kind == AxisKind::Rotary)
@@ -159,7 +159,7 @@ fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
     is_stated.then_some(e.measurement)
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-2", &keys())?;
     let read = |path: &Path| read(path, args.format, args.cycles.as_ref(), &args.uncertainty);
     let after = read(args.output.data(&args.data))?;
@@ -357,7 +357,7 @@ fn report(
     judged: &Judged,
     after: &Evaluated,
     before: Option<(&Evaluated, &[Assessed])>,
-) -> Result<String, Failure> {
+) -> Result<String> {
     let (_, unit, target_unit) = after.units();
     let size = |p: &Positioning| {
         let ends = p.targets.first().zip(p.targets.last());
@@ -452,7 +452,7 @@ fn targets(page: &mut Page, heading: &str, p: &Positioning, [unit, target_unit]:
 }
 
 /// Two tests for `volcomp verify`.
-pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared> {
     let read = |path: &Path| read(path, TestFormat::Auto, None, &UncertaintyArgs::default());
     let [mut before, mut after] = [read(files[0])?, read(files[1])?];
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };

@@ -9,7 +9,7 @@ use crate::arg_parsers::{axis_letter, number, one_of};
 use crate::files::{read_model, write_text};
 use crate::import::ControlArgs;
 use crate::quantities::range_words;
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::{EX_DATAERR, EX_USAGE, Failure, Result};
 use volcomp_formats::sample::{AxisTable, ExportError, Sampling, Way};
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, motion_table, rtl};
 use volcomp_model::{ErrorSymbol, ModelSpec};
@@ -55,7 +55,7 @@ struct Written {
     symbols: Vec<ErrorSymbol>,
 }
 
-pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<(), Failure> {
+pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<()> {
     let tolerance_um = options.tolerance_um.unwrap_or(TOLERANCE_UM);
     if !(tolerance_um > 0.0 && tolerance_um.is_finite()) {
         return Err(usage!("--tolerance-um {tolerance_um}: must be above 0"));

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::files::write_text;
 use super::status::{Which, failure, json, socket};
-use super::{EX_IOERR, EX_SOFTWARE, Failure, recordings};
+use super::{EX_IOERR, EX_SOFTWARE, Failure, Result, recordings};
 use volcomp_daemon::client;
 use volcomp_daemon::socket::{Ask, Verb};
 use volcomp_daemon::{FilterStatus, MapStatus, SensorStatus, ThermalDisplacementStatus};
@@ -62,7 +62,7 @@ struct ForgetArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     match &args.what {
         What::Show(args) => show(args),
         What::Forget(args) => {
@@ -83,7 +83,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-fn show(args: &ShowArgs) -> Result<(), Failure> {
+fn show(args: &ShowArgs) -> Result<()> {
     let course = match &args.recording {
         Some(path) => recorded(path)?,
         None => vec![(0.0, client::filter(&socket(&args.which)?).map_err(|e| failure(&e))?)],
@@ -111,7 +111,7 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
 }
 
 /// Time (s, from the first) and health as a recording has it, the newest last.
-fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>, Failure> {
+fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>> {
     let parsed = recordings::read(&[path.to_owned()])?;
     let wrong = |what: String| data!(path, "{what}");
     let mut course: Vec<(f64, FilterStatus)> = Vec::new();

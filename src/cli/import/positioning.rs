@@ -9,7 +9,7 @@ use crate::positioning_data::{format_failure, parse_dat};
 use crate::predict::push_number;
 use crate::progress::Progress;
 use crate::start_up;
-use crate::{EX_DATAERR, Failure};
+use crate::{EX_DATAERR, Failure, Result};
 use volcomp_evaluate::PositioningReading;
 use volcomp_formats::columns::{Columns, Placed, Runs};
 use volcomp_formats::positioning_test::{Order, PositioningTest};
@@ -18,7 +18,7 @@ use volcomp_formats::{ReadError, api_pos};
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
-pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
+pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
     let out = args.out()?;
     if args.model.into.is_some() {
         return Err(Failure::usage(
@@ -54,7 +54,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
 }
 
 /// Reads a whole test and says what was found.
-fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<PositioningTest, Failure> {
+fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<PositioningTest> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(file, &bytes)?;
     let encoding = encoding_note(&decoded);
@@ -98,7 +98,7 @@ fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<Posit
 
 impl Args {
     /// The unit of an .rtl: um for a linear axis; for a rotary one it has to be stated.
-    fn deviation_unit(&self, rtl: &Rtl, file: &str) -> Result<DeviationUnit, Failure> {
+    fn deviation_unit(&self, rtl: &Rtl, file: &str) -> Result<DeviationUnit> {
         let written = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
         let axis = self.axis.or(written);
         match (self.deviation_unit, axis.map(AxisName::kind)) {
@@ -175,11 +175,7 @@ fn describe(test: &PositioningTest) {
 const START_UP_ROWS: usize = 100_000;
 
 /// A table with a column map, row by row.
-fn columns(
-    args: &Args,
-    path: &Path,
-    sink: &mut dyn FnMut(AxisKind, &Reading) -> Result<(), Failure>,
-) -> Result<(), Failure> {
+fn columns(args: &Args, path: &Path, sink: &mut dyn FnMut(AxisKind, &Reading) -> Result<()>) -> Result<()> {
     let file = path.display().to_string();
     let map = args.column_map()?;
     let Some(target) = map.output("target") else {
@@ -257,7 +253,7 @@ fn columns(
 }
 
 /// Refuses a reading whose direction of approach the order of the rows does not tell.
-fn certain(file: &str, line: u64, placed: &Placed, kind: AxisKind) -> Result<(), Failure> {
+fn certain(file: &str, line: u64, placed: &Placed, kind: AxisKind) -> Result<()> {
     if placed.is_certain {
         return Ok(());
     }
@@ -275,7 +271,7 @@ fn given<R: std::io::BufRead>(
     table: &Columns<R>,
     cycle: Option<usize>,
     direction: Option<usize>,
-) -> Result<(Option<u32>, Option<Travel>), Failure> {
+) -> Result<(Option<u32>, Option<Travel>)> {
     let wrong = |value: f64, what: &str| failure!(EX_DATAERR, "{file}:{}: {value} is {what}", table.line());
     let travel = direction.map(|i| match table.values()[i] {
         1.0 => Ok(Travel::Forward),
@@ -298,7 +294,7 @@ pub(super) fn read_failure(path: &Path, e: &ReadError) -> Failure {
 }
 
 /// Writes a reading, in front of the first the names of the columns.
-fn write(rows: &mut Rows, kind: AxisKind, r: &Reading) -> Result<(), Failure> {
+fn write(rows: &mut Rows, kind: AxisKind, r: &Reading) -> Result<()> {
     if rows.is_empty() {
         rows.block.extend_from_slice(match kind {
             AxisKind::Linear => b"cycle,direction,target_mm,deviation_um\n",

@@ -8,18 +8,18 @@ use std::rc::Rc;
 
 use super::positioning::read_failure;
 use super::{Args, encoding_note, open};
-use crate::Failure;
 use crate::files::Rows;
 use crate::input::{self, InputKind};
 use crate::positioning_data::format_failure;
 use crate::progress::Progress;
+use crate::{Failure, Result};
 use volcomp_formats::columns::Columns;
 use volcomp_formats::edge::{self, Gap, Header, Row, Sink, Summary};
 use volcomp_formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
 use volcomp_units::axes::AxisKind;
 
 /// The table that is asked for, with its columns.
-fn create<'a>(args: &Args, columns: impl Iterator<Item = &'a str>) -> Result<Rows, Failure> {
+fn create<'a>(args: &Args, columns: impl Iterator<Item = &'a str>) -> Result<Rows> {
     let mut rows = Rows::create(args.out()?)?;
     put_names(&mut rows, columns);
     Ok(rows)
@@ -38,7 +38,7 @@ fn number(rows: &mut Rows, value: f64) {
     }
 }
 
-pub(super) fn rtx(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn rtx(args: &Args, path: &Path) -> Result<()> {
     let mut samples =
         dynamic::Samples::new(open(path, InputKind::Stream)?).map_err(|e| read_failure(path, &e))?;
 
@@ -158,7 +158,7 @@ impl Sink for Capture<'_> {
     }
 }
 
-pub(super) fn edge(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn edge(args: &Args, path: &Path) -> Result<()> {
     let mut source = open(path, InputKind::Capture)?;
     if source.fill_buf().map_err(|e| Failure::io(path, &e))?.starts_with(b"\xef\xbb\xbf") {
         source.consume(3);
@@ -222,7 +222,7 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
     }
 }
 
-pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
     let mut log = epics::Log::new(open(path, InputKind::Stream)?);
 
     let mut progress = Progress::new(path);
@@ -256,7 +256,7 @@ pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn columns(args: &Args, path: &Path) -> Result<()> {
     let map = args.column_map()?;
     let mut source = Columns::new(open(path, InputKind::Stream)?, map).map_err(|e| read_failure(path, &e))?;
 
@@ -285,7 +285,7 @@ pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn b5r(args: &Args, path: &Path) -> Result<()> {
     let file = path.display().to_string();
     let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(&file, &bytes)?;

@@ -4,7 +4,7 @@ use super::{Args, FormatArg, encoding_note};
 use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, default_chain, put};
 use crate::positioning_data::format_failure;
-use crate::{EX_DATAERR, Failure};
+use crate::{EX_DATAERR, Failure, Result};
 use volcomp_config::ModelFile;
 use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc};
@@ -14,7 +14,7 @@ use volcomp_model::{ErrorFunction, ErrorSymbol};
 use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::deg_from_rad;
 
-pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
+pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
     if args.model.target().is_none() {
         return Err(Failure::usage(
             "neither --out nor --into is given; a table of a control becomes a model file",
@@ -50,7 +50,7 @@ fn read(
     file: &str,
     text: &str,
     encoding: &str,
-) -> Result<Vec<(ErrorSymbol, ErrorFunction)>, Failure> {
+) -> Result<Vec<(ErrorSymbol, ErrorFunction)>> {
     let axis =
         || args.axis.ok_or_else(|| usage!("{file}: the file does not say whose table it is; give --axis"));
     let fail = |e| format_failure(file, &e);
@@ -101,7 +101,7 @@ fn refuse_other_reference(
     symbol: ErrorSymbol,
     format: FormatArg,
     file: &str,
-) -> Result<(), Failure> {
+) -> Result<()> {
     if symbol.is_constant() {
         return Ok(());
     }

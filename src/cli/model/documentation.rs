@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::super::{EX_CONFIG, Failure};
+use super::super::{EX_CONFIG, Failure, Result};
 use super::gauge::NEGLIGIBLE;
 use super::picture;
 use super::report::Report;
@@ -55,7 +55,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if args.json && args.html.as_os_str() == "-" {
         return Err(Failure::usage("--json and the page cannot both go to stdout"));
     }
@@ -125,7 +125,7 @@ fn or_not_stated(words: Option<String>) -> String {
 }
 
 /// Reads what `volcomp verify --json` wrote.
-fn read_validation(path: &std::path::Path) -> Result<Validation, Failure> {
+fn read_validation(path: &std::path::Path) -> Result<Validation> {
     let text = input::read_text(path, InputKind::Case)?;
     let wrong = |what: &str| data!(path, "{what}; expected the output of volcomp verify --json");
     let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
@@ -158,7 +158,7 @@ impl Documented<'_> {
         &self.file.spec
     }
 
-    fn page(&self, model: &Model) -> Result<String, Failure> {
+    fn page(&self, model: &Model) -> Result<String> {
         let spec = self.spec();
         let mut page = Page::new(&format!("Compensation of {}", spec.machine));
         page.html("<div class=\"dense\">");

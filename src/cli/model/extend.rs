@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::super::{EX_CONFIG, EX_DATAERR, Failure};
+use super::super::{EX_CONFIG, EX_DATAERR, Result};
 use super::forecast::Forecast;
 use crate::acceptance::file_name;
 use crate::additions::read_addition;
@@ -44,7 +44,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let text = read_text(&args.model, InputKind::Model)?;
     let mut model = config::model::parse_file(&args.model.display().to_string(), &text)?;
     let hash = blake3::hash(text.as_bytes()).to_hex();
@@ -111,7 +111,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Where the model goes to stdout, words go beside it.
-fn say(args: &Args, text: &str) -> Result<(), Failure> {
+fn say(args: &Args, text: &str) -> Result<()> {
     if args.out.as_os_str() == "-" {
         crate::note_text(format_args!("{text}"));
         return Ok(());

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::super::Failure;
+use super::super::Result;
 use crate::input::{InputKind, read_text};
 use volcomp_effects::extend::Fate;
 
@@ -54,7 +54,7 @@ impl Delivered {
 
 impl Forecast {
     /// Reads the report named by the user, or `report.json` beside an addition; `None` where none of a diagnosis is beside it.
-    pub(super) fn read(named: Option<&PathBuf>, addition: &Path) -> Result<Option<Self>, Failure> {
+    pub(super) fn read(named: Option<&PathBuf>, addition: &Path) -> Result<Option<Self>> {
         if let Some(path) = named {
             return Self::read_file(path).map(Some);
         }
@@ -67,7 +67,7 @@ impl Forecast {
         })
     }
 
-    fn read_file(path: &Path) -> Result<Self, Failure> {
+    fn read_file(path: &Path) -> Result<Self> {
         let text = read_text(path, InputKind::Model)?;
         let wrong = |what: &str| data!(path, "{what}; expected report.json of volcomp diagnose");
         let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;

@@ -2,7 +2,7 @@
 
 use super::report::{Report, axis_words, errors};
 use super::{drawing, gauge, picture};
-use crate::Failure;
+use crate::Result;
 use crate::report::Page;
 use volcomp_model::Model;
 
@@ -10,7 +10,7 @@ use volcomp_model::Model;
 ///
 /// # Errors
 /// A picture could not be drawn.
-pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String, Failure> {
+pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String> {
     let spec = report.spec();
     let mut page = Page::new(&format!("{} {}", spec.machine, spec.chain));
     page.paragraph(report.name);

@@ -14,7 +14,7 @@ mod show;
 
 use std::path::Path;
 
-use super::Failure;
+use super::Result;
 use super::input::{self, InputKind};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
@@ -37,12 +37,12 @@ subcommands! {
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     args.verb.run()
 }
 
 /// Reads a model file with its provenance.
-fn load(path: &Path) -> Result<ModelFile, Failure> {
+fn load(path: &Path) -> Result<ModelFile> {
     let bytes = input::read(path, InputKind::Model)?;
     let file = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|e| {

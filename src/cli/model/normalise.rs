@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::super::Failure;
+use super::super::Result;
 use crate::files::write_model;
 use crate::numerals::micro;
 use volcomp_config as config;
@@ -25,7 +25,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut model = super::load(&args.file)?;
     let gauged = normalise(&model.spec)
         .map_err(|e| mistake!(args.file, "its normal form breaks a rule of models: {e}"))?;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::super::{EX_CONFIG, Failure};
+use super::super::{EX_CONFIG, Failure, Result};
 use super::report::Report;
 use super::{html, picture};
 use crate::files::write_text;
@@ -31,7 +31,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let file = super::load(&args.file)?;
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
     let bar = Steps::new();

@@ -6,11 +6,11 @@ use serde_json::{Map, Value, json};
 
 use super::Args;
 use super::readings::live_values;
-use crate::Failure;
 use crate::arg_parsers::{above_zero, point};
 use crate::evaluate::circular::{reading, samples};
 use crate::files::{read_model, write_text};
 use crate::report_page::{Page, Plot, Style, Table};
+use crate::{Failure, Result};
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::{CirclePrediction, CircularReading, Circularity};
 use volcomp_model::geometry::Vec3;
@@ -64,7 +64,7 @@ impl CircleArgs {
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let c = &args.circle;
     let (Some(path), Some(centre), Some(radius)) = (&c.circle, c.centre_mm, c.radius_mm) else {
         return Err(Failure::usage("--circle needs --centre-mm and --radius-mm"));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::Failure;
+use crate::Result;
 use crate::files::read_model_file;
 use volcomp_estimate::thermal::{Thermal, ThermalState};
 use volcomp_model::{Model, SENSORS_MAX};
@@ -24,11 +24,7 @@ pub(super) fn reading(text: &str) -> Result<Reading, String> {
 }
 
 /// Live values of the model for sensors that have stood at these readings for long, mm or mm/mm; zero without readings.
-pub(super) fn live_values(
-    path: &Path,
-    model: &Model,
-    readings: &[Reading],
-) -> Result<[f64; SENSORS_MAX], Failure> {
+pub(super) fn live_values(path: &Path, model: &Model, readings: &[Reading]) -> Result<[f64; SENSORS_MAX]> {
     let mut live = [0.0; SENSORS_MAX];
     if readings.is_empty() {
         return Ok(live);

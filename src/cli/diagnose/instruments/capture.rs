@@ -6,7 +6,7 @@ use std::path::Path;
 use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::input::{self, InputKind};
 use crate::numerals::counted;
-use crate::{Failure, table};
+use crate::{Failure, Result, table};
 use volcomp_diagnose::session::Times;
 use volcomp_formats::ReadError;
 use volcomp_formats::edge::{self, Header, Row, Sink};
@@ -119,7 +119,7 @@ impl Survey {
         (axes, notes)
     }
 
-    fn channels(&self, path: &Path, axes: &[(AxisName, u32)]) -> Result<Vec<Channel>, Failure> {
+    fn channels(&self, path: &Path, axes: &[(AxisName, u32)]) -> Result<Vec<Channel>> {
         let known = || {
             let all: Vec<String> = self.axes.iter().map(|(n, s)| format!("{n} ({})", s.name)).collect();
             all.join(", ").replace(" ()", "")
@@ -212,7 +212,7 @@ fn chosen(args: &InstrumentArgs, survey: &Survey) -> (Vec<(AxisName, u32)>, Vec<
 }
 
 /// A capture as a table of its signals.
-pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let mut survey = {
         let table = table::open(path)?;
         Survey::of(table.columns().iter().map(|c| (c.as_str(), "")))
@@ -273,7 +273,7 @@ impl Sink for Following {
 }
 
 /// A capture as the control writes it; its lines are counted as rows of data.
-pub(super) fn json(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn json(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let read = |sink: &mut dyn Sink| {
         let source = input::open(path, InputKind::Capture)?;
         edge::read(source.buffered(), sink).map_err(|e| match e {

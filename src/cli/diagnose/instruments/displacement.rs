@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::numerals::counted;
-use crate::{Failure, table};
+use crate::{Result, table};
 use volcomp_diagnose::session::Times;
 use volcomp_formats::columns::date_time_s;
 
@@ -43,7 +43,7 @@ fn sensor(column: &str) -> Option<String> {
 }
 
 /// Directions of the channels by name (`x_um`, `dy_um`, `z1_um`), else as a nest of probes has them.
-fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>, String), Failure> {
+fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>, String)> {
     let named = |column: &String| {
         let stem = column.to_ascii_lowercase();
         let stem = stem.trim_end_matches("_um").trim_start_matches(['d', 'e']);
@@ -76,7 +76,7 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
     Ok((found.into_iter().zip(channels.iter().cloned()).collect(), note))
 }
 
-pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let mut table = table::open(path)?;
     let names = table.columns().iter().map(String::as_str);
     let t = time_of(names).map_or_else(|| table.require(TIMES[0]), Ok)?;

@@ -15,7 +15,7 @@ use std::path::Path;
 use clap::Args;
 
 use super::ideal::Rotary;
-use crate::Failure;
+use crate::Result;
 use crate::arg_parsers::{axis_letter, one_of};
 use crate::import::DEVIATION_UNITS;
 use volcomp_diagnose::session::{Note, Raw, Times};
@@ -112,11 +112,7 @@ impl Measurement {
 }
 
 /// The session in a file of an instrument or a control; `None` where the beginning of the file gives none away.
-pub(super) fn recognised(
-    path: &Path,
-    head: &[u8],
-    args: &InstrumentArgs,
-) -> Result<Option<Measurement>, Failure> {
+pub(super) fn recognised(path: &Path, head: &[u8], args: &InstrumentArgs) -> Result<Option<Measurement>> {
     if !args.series.is_empty() {
         return displacement::read(path, args).map(Some);
     }

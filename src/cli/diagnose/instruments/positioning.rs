@@ -5,11 +5,11 @@ use std::io::Cursor;
 use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rotary, Rows, along};
-use crate::Failure;
 use crate::input::{self, InputKind, text_of};
 use crate::numerals::counted;
 use crate::positioning_data::{Test, instrument_test, parse_csv};
 use crate::table::Table;
+use crate::{Failure, Result};
 use volcomp_diagnose::session::Times;
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_identify::start_up::start_up_outliers;
@@ -20,7 +20,7 @@ use volcomp_units::{deg_from_rad, um_from_mm};
 const RADIUS_MM: f64 = 100.0;
 
 /// A file of an instrument.
-pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
     let unit = args.deviation_unit;
@@ -31,14 +31,14 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
 }
 
 /// The table of docs/reference/tables.md 3.
-pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let text = text_of(path, input::read(path, InputKind::Table)?)?;
     let test = parse_csv(Table::new(Cursor::new(text), path.display().to_string())?)?;
     let found = Test::new(test, "positioning test (cycle,direction,target,deviation)");
     session(path, args, found)
 }
 
-fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measurement, Failure> {
+fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measurement> {
     let (axis, notes) = axis_of(path, args, &found)?;
     let Test { test, format, span_s, notes: more, .. } = found;
     let outliers = start_up_outliers(&test.readings);
@@ -104,7 +104,7 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
 }
 
 /// The axis tested: that of --axis, that of the file, else X, with what was assumed.
-fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName, Vec<String>), Failure> {
+fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName, Vec<String>)> {
     let default = if found.test.kind == AxisKind::Linear { AxisName::X } else { AxisName::C };
     let (axis, notes) = match (args.axis, found.axis) {
         (Some(axis), _) | (None, Some(axis)) => (axis, Vec::new()),

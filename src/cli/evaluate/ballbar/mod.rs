@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use super::circular::{assessed, keys, reading};
 use super::{Output, page};
-use crate::Failure;
+use crate::Result;
 use crate::acceptance::verdicts::Judged;
 use crate::acceptance::{Acceptance, Stated, file_name};
 use crate::evaluate::picture::circular::{self as drawing, Shown};
@@ -82,7 +82,7 @@ struct Circle {
 }
 
 impl Test {
-    fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self, Failure> {
+    fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self> {
         let plan = Plan::read(&args.setup, args.plane, path, None)?;
         let label = day.as_ref().map_or_else(|| file_name(path), |d| d.text.clone());
         let circles = circles(&plan).map_err(|e| data!(path, "{e}"))?;
@@ -117,7 +117,7 @@ fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::Circu
     feeds.into_iter().map(one).collect()
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
     let single = args.output.file.iter().map(|path| (None, path.clone()));
     let data: Vec<_> = args.data.iter().cloned().chain(single).collect();

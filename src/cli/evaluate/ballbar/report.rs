@@ -2,7 +2,7 @@
 
 use super::trend::Trend;
 use super::{Test, shown};
-use crate::Failure;
+use crate::Result;
 use crate::acceptance::verdicts::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
@@ -46,12 +46,7 @@ fn value(f: &Feature) -> String {
     format!("{end}{} {}", with_limits(f.value, f.std), unit_of(f))
 }
 
-pub(super) fn page(
-    title: &str,
-    judged: &Judged,
-    tests: &[Test],
-    is_centre_stated: bool,
-) -> Result<String, Failure> {
+pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_stated: bool) -> Result<String> {
     let Some(newest) = tests.last() else { return Ok(String::new()) };
     let origins: Vec<Origin> = tests.iter().map(|t| Origin::of(&t.label, &t.plan.path)).collect();
     let (plane, circles) = (newest.plan.circles.plane, &newest.circles);

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use super::Args;
-use crate::Failure;
 use crate::acceptance::file_name;
 use crate::fit::input::{BySymbol, Direction, Format, read};
 use crate::input::{self, InputKind};
+use crate::{Failure, Result};
 use volcomp_config as config;
 use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::Source;
@@ -79,7 +79,7 @@ pub(super) fn place(text: &str) -> Result<(PathBuf, [f64; 3]), String> {
 }
 
 /// Reads all inputs.
-pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
+pub(super) fn load(args: &Args) -> Result<Vec<Loaded>> {
     if args.models.is_empty() && args.motion.is_empty() {
         return Err(Failure::usage("nothing to assemble; give model files, or --motion AXIS=FILE"));
     }
@@ -141,7 +141,7 @@ fn note_common_data(list: &[Loaded]) {
     }
 }
 
-fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
+fn model(path: &Path, absolute: bool) -> Result<Loaded> {
     let text = input::read_text(path, InputKind::Model)?;
     let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
     let file = config::model::parse_file(&path.display().to_string(), &text)?;
@@ -156,7 +156,7 @@ fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
 }
 
 /// A table of motions, fitted as `volcomp fit` does by default, on the axis of the base.
-fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) -> Result<Loaded, Failure> {
+fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) -> Result<Loaded> {
     let Some(hash) = input::hash(path, InputKind::Table) else {
         // opening it says what is wrong with it, where something is
         input::open(path, InputKind::Table)?;

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use input::Loaded;
 
 use crate::files::write_model;
-use crate::{EX_DATAERR, Failure};
+use crate::{EX_DATAERR, Failure, Result};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
 use volcomp_identify::assemble::{Assembled, Options, assemble};
@@ -68,7 +68,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let loaded = input::load(args)?;
     let options = options(args, &loaded)?;
     let sources: Vec<_> = loaded.iter().map(|l| l.source.clone()).collect();
@@ -90,7 +90,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     crate::exit::print(&(report.lines().join("\n") + "\n"))
 }
 
-fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
+fn options(args: &Args, loaded: &[Loaded]) -> Result<Options> {
     let base = args.base.as_deref().map(super::load).transpose()?.map(|f| f.spec);
     let base = match (base, loaded.iter().all(|l| l.is_table)) {
         (Some(base), _) => Some(base),
@@ -127,13 +127,13 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
     })
 }
 
-fn error_symbol(text: &str) -> Result<ErrorSymbol, Failure> {
+fn error_symbol(text: &str) -> Result<ErrorSymbol> {
     ErrorSymbol::parse(text)
         .ok_or_else(|| usage!("unknown error '{text}'; write a symbol such as exx or ec0y"))
 }
 
 /// `FILE` or `FILE:ERROR`.
-fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbol>), Failure> {
+fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbol>)> {
     let find = |name: &str| loaded.iter().position(|l| l.is_named(name));
     if let Some(index) = find(text) {
         return Ok((index, None));
