@@ -1,17 +1,14 @@
 //! Additions of `volcomp diagnose` for `volcomp predict`: their columns, row by row.
 
 use std::io::BufRead;
-use std::path::{Path, PathBuf};
 
-use super::input::{InputKind, read_text};
+use super::input::read_text;
 use super::table::Table;
-use super::{EX_DATAERR, Failure, Result};
+use crate::prelude::*;
 use volcomp_effects::addition::{Addition, Evaluator};
 use volcomp_effects::machine_state::{Axis, Machine, MachineState, Source};
 use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Model, ModelSpec};
-use volcomp_units::{RAD_PER_DEG, mm_from_um};
+use volcomp_units::RAD_PER_DEG;
 
 /// Where a column goes.
 #[derive(Debug, Clone, Copy)]

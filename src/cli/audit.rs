@@ -1,11 +1,7 @@
 //! `audit verify` and `audit show`: the log of who did what, and the proof that it is whole.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::json;
-
-use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, Result, status};
+use super::status;
+use crate::prelude::*;
 use volcomp_daemon::audit::{AUDIT_FILE, Broken, Line, Summary, head_path, verify_with};
 
 /// Where the daemon of the shipped unit keeps it.

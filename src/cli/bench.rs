@@ -1,9 +1,6 @@
 //! `volcomp bench`: what a cycle costs on this computer.
 
-use std::path::PathBuf;
-
-use super::input::{self, InputKind};
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, Result};
+use crate::prelude::*;
 use volcomp_daemon::SelfBenchmarkError;
 
 /// Nanoseconds in a microsecond.

@@ -1,20 +1,12 @@
 //! `volcomp correct`: a part program with corrected positions.
 
-use std::path::PathBuf;
-
 use clap::Parser;
-use serde_json::{Map, Value, json};
 
-use super::arg_parsers::{above_zero, axis_letter, number};
-use super::files::{read_model, write_text};
-use super::input::{self, InputKind};
-use super::numerals::counted;
-use super::quantities::{offset_as_is, offset_unit};
-use super::{EX_DATAERR, Failure, Result};
+use super::files::read_model;
+use super::quantities::offset_as_is;
+use crate::prelude::*;
 use volcomp_formats::part_program::{Corrected, Request, correct};
-use volcomp_model::Model;
-use volcomp_units::axes::{AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, rad_from_arcsec, um_from_mm};
+use volcomp_units::axes::MAX_AXES;
 
 /// Correct the positions of a part program by a model, block by block
 ///

@@ -1,8 +1,6 @@
 //! The arguments of `volcompd`, and its exit codes.
 
-use std::path::PathBuf;
-
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure, Result};
+use crate::prelude::*;
 use volcomp_daemon::{DaemonError, LogError};
 
 /// Compensates the geometric errors of one machine tool: connects to its control and answers every position with

@@ -12,6 +12,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use volcomp_config::ConfigErrors;
 
+use super::Result;
 use super::numerals::micro;
 
 /// Wrong usage.

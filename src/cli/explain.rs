@@ -1,8 +1,6 @@
 //! `volcomp explain`: what a number in status, log or audit means, and what to do.
 
-use serde_json::json;
-
-use super::Result;
+use crate::prelude::*;
 use volcomp_engine::fault::{CATALOGUE, Code, Entry, named};
 
 /// Explain a number or name from status, log or audit: cause, reaction, remedy.

@@ -2,16 +2,10 @@
 
 #![expect(clippy::disallowed_methods, reason = "the one place that creates and replaces files")]
 
+use crate::prelude::*;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
-
-use super::input::{self, InputKind};
-use super::{Failure, Result};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
-use volcomp_model::{Model, ModelSpec};
 
 /// Reads a model file with what it says about its origin.
 pub(super) fn read_model_file(path: &Path) -> Result<ModelFile> {

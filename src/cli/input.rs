@@ -4,15 +4,13 @@
 //! regular file is refused by its length before it is read; a device, a pipe or a file of `/proc` has no length and is
 //! refused at the first byte beyond the limit.
 
+use crate::prelude::*;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufReader, Cursor, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use rustix::fs::OFlags;
-
-use super::{EX_DATAERR, EX_IOERR, Failure, Result};
 
 /// Longest wait for the writer of a FIFO.
 const WRITER_TIMEOUT: Duration = Duration::from_secs(5);

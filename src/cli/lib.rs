@@ -87,6 +87,7 @@ mod numerals;
 mod operator_commands;
 mod positioning_data;
 mod predict;
+mod prelude;
 mod progress;
 mod quantities;
 mod ranges;

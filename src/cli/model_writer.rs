@@ -1,15 +1,10 @@
 //! Writer of the model file of `fit` and `identify`: a new one, or an existing one with some errors replaced.
 
-use std::path::{Path, PathBuf};
-
 use super::files::{read_model_file, write_model};
-use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, Result, targets};
-use volcomp_config as config;
-use volcomp_config::{ModelFile, Provenance, SourceEntry};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
+use super::targets;
+use crate::prelude::*;
+use volcomp_config::{Provenance, SourceEntry};
+use volcomp_model::{AxisSpec, Chain};
 
 /// Where the model goes and what it starts from.
 #[derive(Debug, clap::Args)]

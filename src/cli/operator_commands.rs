@@ -1,10 +1,7 @@
 //! `enable`, `disable`, `gain`, `load`, `rollback`: commands to a running daemon.
 
-use std::path::PathBuf;
-
-use super::input::{self, InputKind};
 use super::status::{Which, failure, json, socket};
-use super::{EX_DATAERR, Failure, Result};
+use crate::prelude::*;
 use volcomp_daemon::client::{self, ClientError};
 use volcomp_daemon::socket::{Answer, Ask, SentModel, Verb};
 

@@ -3,19 +3,17 @@
 
 use std::io::{BufRead, Cursor};
 use std::ops::RangeInclusive;
-use std::path::Path;
 
 use super::acceptance::Stated;
-use super::input::{self, InputKind, text_of};
+use super::input::text_of;
 use super::table::Table;
-use super::{EX_DATAERR, EX_USAGE, Failure, Result};
+use crate::prelude::*;
 use volcomp_formats::detect;
 use volcomp_formats::iso230_dat;
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
 use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, AxisName};
 
 /// How the data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

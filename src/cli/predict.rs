@@ -6,20 +6,18 @@ mod circle;
 mod readings;
 
 use std::io::BufRead;
-use std::path::PathBuf;
 
 use clap::Parser;
 
 use super::additions::Additions;
 use super::files::{Rows, read_hashed_model};
-use super::quantities::{offset_as_is, offset_unit, position_unit};
+use super::quantities::offset_as_is;
 use super::table::{self, Table, nearest, other_unit};
-use super::{EX_DATAERR, Failure, Result};
-use volcomp_model::geometry::Vec3;
+use crate::prelude::*;
 use volcomp_model::search::Volume;
-use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, ModelSpec, Pose};
-use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
+use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Pose};
+use volcomp_units::RAD_PER_DEG;
+use volcomp_units::axes::MAX_AXES;
 
 /// Predict the error of the tool, and the corrections of the axes, at every point of a table; or a measured circle.
 #[derive(Debug, Parser)]

@@ -1,12 +1,7 @@
 //! Quantities of models in the units that people and programs read: mm and deg for places, um and arcsec for errors and offsets.
 
-use serde_json::{Map, Value, json};
-
-use crate::numerals::{figure, plain};
-use crate::units::Units;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Chain, ErrorSymbol, Pose};
-use volcomp_units::axes::{AxisName, Travel};
+use crate::prelude::*;
+use volcomp_model::{Chain, Pose};
 
 /// Unit of an axis offset on the outside.
 pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {

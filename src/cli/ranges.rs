@@ -1,17 +1,13 @@
 //! Ranges of numeric arguments, one table for every program: the unit or the quantity in the name of an argument gives
 //! its range, so that a new argument has one, too.
 
+use crate::prelude::*;
 use core::error::Error;
 use core::num::ParseIntError;
 
 use clap::builder::ValueParser;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Arg, ArgMatches, Command, Parser};
-
-use super::numerals::figure;
-use volcomp_model::ErrorSymbol;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::AxisName;
 
 /// Smallest and largest value.
 type Range = [f64; 2];

@@ -2,13 +2,9 @@
 
 use core::fmt;
 use std::io::Read;
-use std::path::{Path, PathBuf};
 
-use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, Result};
-use volcomp_config as config;
+use crate::prelude::*;
 use volcomp_config::MachineConfig;
-use volcomp_model::{Model, ModelSpec};
 use volcomp_protocol::record::{Item, Meta, Note, Recording, block};
 use volcomp_units::MonoTime;
 

@@ -1,13 +1,10 @@
 //! `replay`: a recording through the same engine, compared bit for bit.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use serde_json::json;
-
-use super::numerals::counted;
 use super::recordings::{self, Missing, Parsed, Walked};
-use super::{EX_DATAERR, Failure, Result, files, status};
+use super::{files, status};
+use crate::prelude::*;
 use volcomp_daemon::replay::{Difference, Gap, Replay, Report};
 
 /// Exit code where a correction came out otherwise.

@@ -2,9 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::{Map, Value, json};
-
-use super::Result;
+use crate::prelude::*;
 use volcomp_config::{Allowed, Key, Shape, machine, model};
 
 /// Pages whose tables say what a key means.

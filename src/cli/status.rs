@@ -6,12 +6,9 @@ mod recent;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::input::{self, InputKind};
-use super::numerals::{counted, micro, plain};
-use super::{EX_IOERR, EX_SOFTWARE, Failure, Result};
+use crate::prelude::*;
 use volcomp_config::MachineConfig;
 use volcomp_daemon::client::{self, ClientError};
 use volcomp_daemon::{Fault, RealtimeStatus, ShadowAxis, ShadowStatus, Status};

@@ -5,14 +5,12 @@
 
 use std::io::{BufRead, Read};
 use std::ops::Range;
-use std::path::Path;
 
-use super::input::{self, InputKind, ROWS_MAX};
+use super::input::ROWS_MAX;
 use super::positioning_data::no_rows;
 use super::progress::Progress;
-use super::{EX_DATAERR, Failure, Result};
+use crate::prelude::*;
 use volcomp_formats::text::finite;
-use volcomp_units::axes::Travel;
 use volcomp_units::conversion;
 
 /// Longest line accepted; bounds the memory whatever the input is.

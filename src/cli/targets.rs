@@ -3,15 +3,13 @@
 //! [`conflict`] compares the options before any work is done. [`check`] covers the files that only a description or a
 //! compound value names, at the moment of writing.
 
+use crate::prelude::*;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{ErrorKind, Read};
-use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use clap::{Arg, ArgMatches, Command};
-
-use super::{Failure, Result};
 
 /// Options that name a file to write.
 const WRITES: &[&str] = &[

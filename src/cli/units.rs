@@ -1,11 +1,7 @@
 //! Units in which errors are printed and stand in keys and columns: um and arcsec, over mm or deg.
 
-use crate::Result;
-use crate::numerals::plain;
+use crate::prelude::*;
 use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, angle_unit_hint, length_unit_hint};
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::AxisKind;
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// Units of an error at the boundary.
 #[derive(Debug, Clone, Copy)]

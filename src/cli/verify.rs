@@ -2,24 +2,16 @@
 
 mod record;
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, HeadArgs, Stated};
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};
-use crate::files::write_text;
-use crate::input::{self, InputKind};
-use crate::numerals::plain;
-use crate::report::Table;
+use crate::prelude::*;
 use crate::report_page::{Plot, Style};
-use crate::{Failure, Result, table};
+use crate::table;
 use volcomp_evaluate::reduction::about_end_points;
 use volcomp_evaluate::{Placed, Reduction, Size, Uncertain};
-use volcomp_units::axes::Travel;
 
 /// Compare two measurements: reduction with its uncertainty, figures of ISO 230, plots at one scale
 ///

@@ -1,12 +1,9 @@
 //! The head of a report as a file in TOML (`docs/how-to/reports.md`); every key is optional.
 
+use crate::prelude::*;
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use serde::Deserialize;
-
-use crate::Result;
-use crate::input::{self, InputKind};
 
 /// Figures of one test with their limits or uncertainties, by their keys such as `a-um`.
 pub(crate) type Numbers = BTreeMap<String, f64>;

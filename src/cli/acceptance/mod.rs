@@ -4,10 +4,7 @@
 mod head_file;
 pub(crate) mod verdicts;
 
-use std::path::{Path, PathBuf};
-
-use crate::Result;
-use crate::report::Page;
+use crate::prelude::*;
 use crate::report::page::Cell;
 use head_file::Numbers;
 pub(crate) use head_file::{Compensation, HeadFile, Text};

@@ -5,25 +5,17 @@ mod settings;
 mod text_report;
 
 use std::io::IsTerminal as _;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-use serde_json::{Value, json};
 
 use self::settings::{Setting, settings};
 pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{Size, kinds_of};
 use self::text_report::{describe_machine, describe_model, expiry_note, machine_notes, model_as_json};
-use super::input::{self, InputKind};
-use super::numerals::micro;
-use super::quantities::{offset_out, offset_unit};
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure, Result};
-use volcomp_config as config;
-use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
+use crate::prelude::*;
+use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig};
 use volcomp_daemon::with_additions;
 use volcomp_effects::extend::Fate;
 use volcomp_estimate::live::{LiveEstimator, LiveModel};
-use volcomp_model::Model;
 
 /// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
 ///

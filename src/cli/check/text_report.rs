@@ -1,26 +1,17 @@
 //! Text and JSON of `check`: contents of a machine or model file, and remarks on what is allowed but unusual.
 
-use serde_json::{Value, json};
-
 use super::plausibility;
 use crate::identity;
 use crate::model::gauge;
 use crate::model::report::{axis_words, errors};
-use crate::numerals::plain;
-use crate::quantities::{
-    error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
-};
-use crate::report::Table;
-use crate::units::key;
+use crate::prelude::*;
 use volcomp_config::model::{kind_of, section_of};
-use volcomp_config::{MachineConfig, ModelFile, Policy};
+use volcomp_config::{MachineConfig, Policy};
 use volcomp_daemon::models::guard::is_expired;
 use volcomp_estimate::Thermal;
 use volcomp_formats::axis_table::positioning_symbol;
+use volcomp_model::Side;
 use volcomp_model::extremes::Bounds;
-use volcomp_model::spec::ModelSpec;
-use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
-use volcomp_units::axes::{AxisKind, AxisName};
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
     let (address, protection) = (machine.link.address, identity::protection(machine));

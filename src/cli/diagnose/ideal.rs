@@ -3,15 +3,12 @@
 //! It is written beside the addition, so that `volcomp model extend` has a model that the addition suits: without errors of its
 //! own, the whole deviation is what the addition holds.
 
-use crate::{EX_SOFTWARE, Failure, Result};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::Session;
 use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
-use volcomp_model::{AxisSpec, Chain, Model, ModelSpec};
-use volcomp_units::axes::AxisName;
+use volcomp_model::{AxisSpec, Chain};
 
 /// Machine id of the ideal model.
 const MACHINE: &str = "ideal";

@@ -1,16 +1,11 @@
 //! Session files from disk.
 
-use std::path::Path;
-
 use super::instruments::{self, InstrumentArgs, Measurement};
-use crate::input::{self, InputKind};
-use crate::numerals::hull;
+use crate::prelude::*;
 use crate::table::{self, Table};
-use crate::{EX_DATAERR, Result};
 use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::{Note, Raw, Session, is_encoder};
 use volcomp_formats::detect;
-use volcomp_model::Model;
 
 /// A rotary axis that moves less stands still, rad.
 const TURNED_RAD: f64 = 1e-6;

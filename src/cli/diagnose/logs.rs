@@ -1,9 +1,7 @@
 //! Logs of the machine, and which of them belong to which session file.
 
-use std::path::{Path, PathBuf};
-
+use crate::prelude::*;
 use crate::table;
-use crate::{EX_DATAERR, Result};
 use volcomp_diagnose::machine_state::Source;
 use volcomp_diagnose::session::{History, Note, Raw};
 

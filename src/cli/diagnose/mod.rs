@@ -10,7 +10,6 @@ mod text_report;
 
 use std::fs;
 use std::io::{self, IsTerminal};
-use std::path::PathBuf;
 
 use clap::Parser;
 
@@ -19,16 +18,15 @@ use self::input::Source;
 use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{is_of, read_addition};
-use super::files::{read_hashed_model, write_text};
-use super::{EX_DATAERR, Failure, Result, exit};
+use super::exit;
+use super::files::read_hashed_model;
+use crate::prelude::*;
 use volcomp_diagnose::library::{Label, Without};
 use volcomp_diagnose::session::{Note, Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::{Addition, Base};
 use volcomp_effects::machine_state::{Machine, MachineAxis};
 use volcomp_effects::prediction::machine_of;
-use volcomp_model::Model;
-use volcomp_units::deg_from_rad;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
 ///

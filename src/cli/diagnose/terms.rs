@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use crate::prelude::*;
 use volcomp_diagnose::library::{Effect, Kind};
 use volcomp_diagnose::report::{Cause, Value, Verdict};
 use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
 use volcomp_effects::{squareness_symbol, unit_of};
-use volcomp_model::{Chain, ModelSpec};
-use volcomp_units::{arcsec_from_rad, mm_from_um};
+use volcomp_model::Chain;
 
 /// Coverage factor of all uncertainties shown.
 pub(super) const COVERAGE: f64 = 2.0;

@@ -1,10 +1,9 @@
 //! Text of `diagnose` on stdout: the summary, the effects, what a plan can detect.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
-use crate::numerals::counted;
-use crate::{Result, exit};
+use crate::exit;
+use crate::prelude::*;
 use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::{EFFECTS, Effect, Kind};
 use volcomp_diagnose::plan::PlanReport;

@@ -5,17 +5,11 @@
 mod picture;
 mod text_report;
 
-use std::path::PathBuf;
-
-use super::files::{read_model_file, write_text};
-use super::numerals::micro;
+use super::files::read_model_file;
 use super::progress::Steps;
-use super::report::Page;
 use super::report::page::Cell;
-use super::{Failure, Result};
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_model::compare::{Comparison, compare};
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Exit code where the models differ.
 const DIFFERENT: u8 = 1;

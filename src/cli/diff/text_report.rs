@@ -1,22 +1,11 @@
 //! Text and JSON of `diff`.
 
-use serde_json::{Map, Value, json};
-
 use super::Diff;
-use crate::numerals::signed;
-use crate::quantities::{
-    error_out, error_unit, list, offset_out, offset_unit, point, pose_json, pose_words, position_out,
-    position_unit, range_words, rounded, vector,
-};
-use crate::report::Table;
-use crate::units::key;
+use crate::prelude::*;
+use crate::quantities::{list, point, pose_json, pose_words, vector};
 use volcomp_config::Provenance;
-use volcomp_model::ErrorSymbol;
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
-use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Everything in lines.
 pub(super) fn lines(diff: &Diff) -> Vec<String> {

@@ -1,10 +1,8 @@
 //! `evaluate iso230-4`: circular test.
 
 use core::f64::consts::TAU;
-use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use serde_json::{Map, Value, json};
 
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
@@ -14,13 +12,11 @@ use super::{
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
-use crate::arg_parsers::not_negative;
-use crate::numerals::{counted, plain};
+use crate::prelude::*;
+use crate::table;
 use crate::units::check_size;
-use crate::{Result, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
-use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 const UNCERTAINTY: &str = "Uncertainty of the measurement (k = 2)";
 const STANDARD: &str = "Circular test, ISO 230-4:2022";

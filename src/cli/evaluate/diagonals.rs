@@ -1,9 +1,5 @@
 //! `evaluate iso230-6`: four body diagonals, each like a positioning test.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
@@ -14,17 +10,14 @@ use super::{
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
-use crate::numerals::counted;
 use crate::positioning_data::TestColumns;
+use crate::prelude::*;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
-use crate::report::{Page, Table};
+use crate::table;
 use crate::units::check_size;
-use crate::{Result, table};
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
 };
-use volcomp_units::axes::AxisKind;
-use volcomp_units::um_from_mm;
 
 /// Four body diagonals by ISO 230-6, each like a positioning test
 ///

@@ -1,21 +1,15 @@
 //! `evaluate gear`: profile and helix (lead) deviations of an involute gear.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::page;
 use super::picture::gear::{self as drawing, Panel};
 use super::{Output, change, percent, put_before, show};
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
-use crate::arg_parsers::{above_zero, number};
-use crate::report::Table;
-use crate::{Failure, Result, table};
+use crate::prelude::*;
+use crate::table;
 use volcomp_evaluate::gear::{
     CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, flanks, tolerance_um,
 };
-use volcomp_units::rad_from_deg;
 
 /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes
 ///

@@ -12,18 +12,13 @@ mod plate;
 mod positioning;
 mod uncertainty_args;
 
-use std::path::{Path, PathBuf};
-
 use clap::Parser;
-use serde_json::{Map, Value, json};
 
 use super::acceptance::HeadArgs;
-use super::files::write_text;
-use super::numerals::{plain, signed};
-use super::{Failure, Result, table};
+use super::table;
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
-use crate::report::Page;
+use crate::prelude::*;
 use crate::report::plot::Svg;
 use page::Origin;
 use volcomp_evaluate::{Device, Placed, Uncertain};

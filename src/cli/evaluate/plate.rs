@@ -1,26 +1,19 @@
 //! `evaluate plate`: a hole plate or ball plate, measured or made in a plane.
 
 use std::io::Cursor;
-use std::path::PathBuf;
-
-use serde_json::{Map, Value, json};
 
 use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
-use crate::Result;
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
-use crate::arg_parsers::one_of;
-use crate::input::{self, InputKind};
 use crate::positioning_data::format_failure;
-use crate::report::Table;
+use crate::prelude::*;
 use crate::table::Table as Csv;
 use volcomp_evaluate::plate::Estimate;
 use volcomp_evaluate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
 use volcomp_formats::hole_plate;
 use volcomp_model::statistics::normal_two_sided;
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
 
 /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane
 ///

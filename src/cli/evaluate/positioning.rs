@@ -1,9 +1,5 @@
 //! `evaluate iso230-2`: positioning of one axis.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
@@ -11,17 +7,14 @@ use super::{
     CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, put_before, show,
     side_by_side, values,
 };
-use crate::Result;
 use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
 use crate::acceptance::{Acceptance, Stated};
-use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
-use crate::report::{Page, Table};
+use crate::prelude::*;
 use crate::start_up::{StartUp, in_report_units, words};
 use crate::units::check_size;
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
-use volcomp_units::axes::{AxisKind, Travel};
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
 ///

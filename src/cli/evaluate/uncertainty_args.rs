@@ -1,8 +1,7 @@
 //! What the user states about the uncertainty of a positioning measurement.
 
-use crate::Result;
+use crate::prelude::*;
 use volcomp_evaluate::Conditions;
-use volcomp_units::axes::AxisKind;
 
 /// What is known about the measurement; gives expanded uncertainties (k = 2).
 #[derive(Debug, Default, clap::Args)]

@@ -3,12 +3,9 @@
 mod model;
 mod recording;
 
-use std::path::{Path, PathBuf};
-
 use clap::{Parser, ValueEnum};
 
-use super::input::{self, InputKind};
-use super::{Failure, Result};
+use crate::prelude::*;
 use volcomp_protocol::record::{EXTENSION, block};
 
 /// Write a model as a table that a control loads, or a recording of volcompd as CSV or Parquet.

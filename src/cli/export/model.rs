@@ -1,20 +1,13 @@
 //! A model to the tables that controls load.
 
-use std::path::Path;
-
 use clap::Args;
 
 use super::FormatArg;
-use crate::arg_parsers::{axis_letter, number, one_of};
-use crate::files::{read_model, write_text};
+use crate::files::read_model;
 use crate::import::ControlArgs;
-use crate::quantities::range_words;
-use crate::{EX_DATAERR, EX_USAGE, Failure, Result};
+use crate::prelude::*;
 use volcomp_formats::sample::{AxisTable, ExportError, Sampling, Way};
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, motion_table, rtl};
-use volcomp_model::{ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Straight lines between points stay this close to the model where nothing else is asked for, um.
 const TOLERANCE_UM: f64 = 0.05;

@@ -3,11 +3,10 @@
 mod picture;
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
 
-use super::files::write_text;
+use super::recordings;
 use super::status::{Which, failure, json, socket};
-use super::{EX_IOERR, EX_SOFTWARE, Failure, Result, recordings};
+use crate::prelude::*;
 use volcomp_daemon::client;
 use volcomp_daemon::socket::{Ask, Verb};
 use volcomp_daemon::{FilterStatus, MapStatus, SensorStatus, ThermalDisplacementStatus};

@@ -2,19 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read};
-use std::path::Path;
 
 use crate::identify::columns::{Columns, hint};
-use crate::input::{self, InputKind};
 use crate::positioning_data::{Cycles, instrument_test, is_instrument, parse_csv, parse_dat};
+use crate::prelude::*;
 use crate::table::{STDIN, Table};
-use crate::units::{self, Units};
-use crate::{EX_DATAERR, Failure, Result};
+use crate::units;
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
 use volcomp_identify::start_up::{StartUpOutlier, start_up_outliers};
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
 /// How a data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

@@ -1,16 +1,10 @@
 //! What `volcomp fit` says about its fits: JSON, a table for people, and comments in the model file.
 
-use serde_json::{Value, json};
-
 use super::input::Measured;
 use super::start_up;
 use crate::model_writer::Sources;
-use crate::numerals::small;
-use crate::units::{Units, key, or_dash};
+use crate::prelude::*;
 use volcomp_identify::curve::{Basis, Course, CurveFit, CycleDrift, Figures, Hidden, Note, Outlier};
-use volcomp_model::ErrorSymbol;
-use volcomp_model::curve::Curve;
-use volcomp_units::axes::Travel;
 
 /// Positions of the band in the report.
 const BAND_POINTS: u32 = 100;

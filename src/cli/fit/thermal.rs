@@ -1,25 +1,17 @@
 //! `volcomp fit thermal`: a recording of temperatures, speeds and a displacement to a growth of the model file.
 
-use std::path::PathBuf;
-
 use clap::Parser;
 use plotters::prelude::*;
-use serde_json::{Value, json};
 
 use super::picture::PictureArgs;
-use crate::Result;
-use crate::arg_parsers::{above_zero, not_negative};
-use crate::files::write_text;
 use crate::identify::columns::{self, Column, Columns};
 use crate::model_writer::{ModelWriter, Sources};
-use crate::report::Page;
+use crate::prelude::*;
 use crate::report::page::Cell;
 use crate::report::plot::{self, Axes, Key};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
-use volcomp_model::ErrorSymbol;
 use volcomp_model::curve::Live;
-use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Fit thermal displacement to a recording.
 ///

@@ -2,15 +2,11 @@
 
 use std::collections::HashMap;
 use std::io::BufRead;
-use std::path::Path;
 
 use crate::positioning_data::no_rows;
+use crate::prelude::*;
 use crate::table::{self, Table, nearest, other_unit};
-use crate::{Failure, Result};
 use volcomp_identify::Reading;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::Travel;
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 /// A column and what brings its numbers into mm or rad.
 #[derive(Debug, Clone, Copy)]

@@ -1,20 +1,16 @@
 //! `volcomp identify fits`: a curve through x and y, in the units of the file, with every figure.
 
-use std::path::{Path, PathBuf};
-
 use clap::ValueEnum;
 use serde::Deserialize;
-use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile};
 use super::method::{Found, Front, Method, printed};
 use crate::fit::AutoOr;
+use crate::prelude::*;
 use crate::table;
-use crate::{Failure, Result};
 use volcomp_identify::Reading;
 use volcomp_identify::curve::monomial::polynomial;
 use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
-use volcomp_units::axes::Travel;
 
 /// Error curves through plain numbers.
 ///

@@ -1,27 +1,15 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
 use super::columns::{self, Column, hint};
 use super::method::{Found, Front, Method};
-use crate::arg_parsers::{axis_letter, one_of};
-use crate::files::write_text;
-use crate::input::{self, InputKind};
 use crate::model_writer::{ModelWriter, Sources, put};
-use crate::numerals::{hull, small};
-use crate::units::{Units, key, or_dash};
-use crate::{EX_CONFIG, Failure, Result};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_identify::grinder::{
     Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
 };
+use volcomp_model::Pose;
 use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_model::{Component, Model, ModelSpec, Pose};
-use volcomp_units::axes::{AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, um_from_mm};
+use volcomp_units::axes::MAX_AXES;
 
 /// The error motions of a chain, measured axis by axis: each axis is corrected before the next one is measured.
 ///

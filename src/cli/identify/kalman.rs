@@ -1,26 +1,18 @@
 //! `volcomp identify kalman`: the filter on node values, on a case or on a recording.
 
-use std::path::Path;
-use std::path::PathBuf;
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile};
 use super::columns::{self, Column, Columns};
 use super::method::{Found, Front, Method, printed};
-use crate::arg_parsers::linear_axis;
 use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
-use crate::units::{Units, key};
-use crate::{Failure, Result};
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_estimate::filter::COMPONENTS_MAX;
 use volcomp_estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Update, Verdict,
 };
-use volcomp_model::curve::{CurveError, ErrorFunction, Grid};
-use volcomp_model::{ErrorSymbol, Sense};
-use volcomp_units::axes::{AxisName, Travel};
+use volcomp_model::Sense;
+use volcomp_model::curve::{CurveError, Grid};
 
 /// Kalman filter on the node values of a grid of hexahedral cells.
 ///

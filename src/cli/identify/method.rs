@@ -1,10 +1,8 @@
 //! What a method is to `volcomp identify`, and the runner that does the reading, printing and writing of all of them.
 
-use serde_json::Value;
-
 use super::case::CaseFile;
-use crate::Result;
 use crate::model_writer::ModelWriter;
+use crate::prelude::*;
 
 /// The options that every method has.
 pub(super) struct Front<'a> {

@@ -1,20 +1,12 @@
 //! `volcomp identify probe`: effective radius of a touch probe's ball, from contacts with a gauge bar.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
 use super::case::{CaseArgs, CaseFile};
 use super::columns;
 use super::method::{Found, Front, Method};
 use crate::arg_parsers::numbers;
 use crate::model_writer::{ModelWriter, Sources, put};
-use crate::units::or_dash;
-use crate::{Failure, Result};
+use crate::prelude::*;
 use volcomp_identify::probe::{Arm, Calibration, Circle, Contact, Note, Request, calibrate};
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
 
 /// Effective radius of a touch probe and the place of a gauge bar, from contacts around the bar.
 ///

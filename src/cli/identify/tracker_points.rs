@@ -1,18 +1,12 @@
 //! Points in CSV files: named points with coordinates, or with range, azimuth and elevation from a tracker, and the
 //! registration of the tracker's frame to the machine's.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
 use super::columns::{self, Column, Columns};
-use crate::arg_parsers::{above_zero, not_negative, point};
-use crate::{Failure, Result};
+use crate::prelude::*;
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
-use volcomp_model::geometry::{Mat3, Vec3};
+use volcomp_model::geometry::Mat3;
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// What is known of the instrument.
 #[derive(Debug, clap::Args)]

@@ -7,22 +7,18 @@ mod series;
 mod tables;
 
 use std::io::BufRead;
-use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
-use super::input::{self, InputKind};
 use super::model_writer::ModelWriter;
 use super::positioning_data::format_failure;
-use super::{Failure, Result};
-use crate::arg_parsers::{axis_letter, one_of};
+use crate::prelude::*;
 use volcomp_formats::columns::{ColumnMap, Delimiter};
 use volcomp_formats::heidenhain::Sign;
 use volcomp_formats::linuxcnc::LinearUnit;
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::text::{self, Decoded, Encoding};
 use volcomp_formats::{detect, isg, linuxcnc};
-use volcomp_units::axes::AxisName;
 
 /// Read files of instruments and controls into volcomp's own tables and models.
 ///

@@ -1,22 +1,18 @@
 //! Laser tests and other positioning tests to `cycle,direction,target_mm,deviation_um`.
 
-use std::path::Path;
-
 use super::{Args, FormatArg, encoding_note, open};
 use crate::files::Rows;
-use crate::input::{self, InputKind};
 use crate::positioning_data::{format_failure, parse_dat};
 use crate::predict::push_number;
+use crate::prelude::*;
 use crate::progress::Progress;
 use crate::start_up;
-use crate::{EX_DATAERR, Failure, Result};
 use volcomp_evaluate::PositioningReading;
 use volcomp_formats::columns::{Columns, Placed, Runs};
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
 use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
     let out = args.out()?;

@@ -3,20 +3,17 @@
 use std::cell::Cell;
 use std::fmt::Write as _;
 use std::io::{self, BufRead, Read, Write};
-use std::path::Path;
 use std::rc::Rc;
 
 use super::positioning::read_failure;
 use super::{Args, encoding_note, open};
 use crate::files::Rows;
-use crate::input::{self, InputKind};
 use crate::positioning_data::format_failure;
+use crate::prelude::*;
 use crate::progress::Progress;
-use crate::{Failure, Result};
 use volcomp_formats::columns::Columns;
 use volcomp_formats::edge::{self, Gap, Header, Row, Sink, Summary};
 use volcomp_formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
-use volcomp_units::axes::AxisKind;
 
 /// The table that is asked for, with its columns.
 fn create<'a>(args: &Args, columns: impl Iterator<Item = &'a str>) -> Result<Rows> {

@@ -1,18 +1,11 @@
 //! Tables of controls to a model.
 
 use super::{Args, FormatArg, encoding_note};
-use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, default_chain, put};
 use crate::positioning_data::format_failure;
-use crate::{EX_DATAERR, Failure, Result};
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc};
-use volcomp_model::curve::Curve;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{ErrorFunction, ErrorSymbol};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::deg_from_rad;
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
     if args.model.target().is_none() {

@@ -1,31 +1,16 @@
 //! `model report`: what ISO/TR 16907 asks the documentation of a compensation to state, on one page.
 
-use std::path::PathBuf;
-
-use serde_json::{Value, json};
-
-use super::super::{EX_CONFIG, Failure, Result};
 use super::gauge::NEGLIGIBLE;
 use super::picture;
 use super::report::Report;
 use crate::acceptance::verdicts::NOT_STATED;
 use crate::acceptance::{Acceptance, HeadArgs, Stated, file_name, sign};
 use crate::check::Size;
-use crate::files::write_text;
-use crate::input::{self, InputKind};
-use crate::numerals::{counted, micro, plain, signed};
-use crate::quantities::{
-    error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
-};
-use crate::report::{Page, Table};
-use crate::units::key;
-use volcomp_config::{MachineConfig, ModelFile, Provenance};
+use crate::prelude::*;
+use volcomp_config::{MachineConfig, Provenance};
 use volcomp_model::curve::Interpolation;
 use volcomp_model::extremes::search;
 use volcomp_model::gauge::normalise;
-
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
 
 /// Write the documentation of a compensation on one page: what ISO/TR 16907 asks for
 ///

@@ -1,14 +1,11 @@
 //! `model extend`: what a diagnosis has found becomes part of the model that volcompd corrects with.
 
-use std::path::PathBuf;
-
-use super::super::{EX_CONFIG, EX_DATAERR, Result};
 use super::forecast::Forecast;
 use crate::acceptance::file_name;
 use crate::additions::read_addition;
 use crate::files::write_model;
-use crate::input::{InputKind, read_text};
-use volcomp_config as config;
+use crate::input::read_text;
+use crate::prelude::*;
 use volcomp_effects::addition::Twice;
 use volcomp_effects::extend::{Fate, extend};
 

@@ -1,11 +1,7 @@
 //! How much of a forecast shrink of the gap a model can deliver: the report of a diagnosis against what became of its effects.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
-use super::super::Result;
-use crate::input::{InputKind, read_text};
+use crate::input::read_text;
+use crate::prelude::*;
 use volcomp_effects::extend::Fate;
 
 /// The forecast of one diagnosis, `report.json`.

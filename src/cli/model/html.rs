@@ -2,9 +2,7 @@
 
 use super::report::{Report, axis_words, errors};
 use super::{drawing, gauge, picture};
-use crate::Result;
-use crate::report::Page;
-use volcomp_model::Model;
+use crate::prelude::*;
 
 /// The page.
 ///

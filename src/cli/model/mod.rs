@@ -12,12 +12,7 @@ mod picture;
 pub(super) mod report;
 mod show;
 
-use std::path::Path;
-
-use super::Result;
-use super::input::{self, InputKind};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 
 /// Show what is in a model file, document it, write its normal form, put measurements together, or add what a diagnosis has found
 #[derive(Debug, clap::Parser)]

@@ -1,11 +1,7 @@
 //! `model normalise`: writes the normal form of a model (equations 1.8), once and visibly.
 
-use std::path::PathBuf;
-
-use super::super::Result;
 use crate::files::write_model;
-use crate::numerals::micro;
-use volcomp_config as config;
+use crate::prelude::*;
 use volcomp_model::normalise;
 
 /// Write the normal form of a model: no constants, no slopes, the same predictions up to one rigid motion

@@ -1,23 +1,14 @@
 //! What `model show` says, in words and for programs.
 
-use serde_json::{Map, Value, json};
-
 use super::{drawing, gauge};
 use crate::check::{Size, kinds_of};
-use crate::numerals::{plain, signed};
-use crate::quantities::{
-    error_out, list, offset_out, offset_unit, point, pose_json, pose_words, position_out, position_unit,
-    range_words, rounded, vector,
-};
-use crate::report::Table;
-use crate::units::key;
+use crate::prelude::*;
+use crate::quantities::{list, point, pose_json, pose_words, vector};
+use volcomp_config::Provenance;
 use volcomp_config::model::FORMAT;
-use volcomp_config::{ModelFile, Provenance};
 use volcomp_model::extremes::{Extreme, Found, kept_in_place};
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec, Sense, Side};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{arcsec_from_rad, um_from_mm};
+use volcomp_model::{AxisSpec, Sense, Side};
 
 /// A model with what was found out about it.
 pub(super) struct Report<'a> {

@@ -1,14 +1,9 @@
 //! `model show`: what is in a model, where it is worst, and a picture of it.
 
-use std::path::{Path, PathBuf};
-
-use super::super::{EX_CONFIG, Failure, Result};
 use super::report::Report;
 use super::{html, picture};
-use crate::files::write_text;
-use crate::numerals::micro;
+use crate::prelude::*;
 use crate::progress::Steps;
-use volcomp_model::Model;
 use volcomp_model::extremes::search;
 
 /// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture

@@ -1,21 +1,13 @@
 //! `volcomp predict --circle`: the circle that the model predicts against the circle that a ballbar measured.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::Args;
 use super::readings::live_values;
-use crate::arg_parsers::{above_zero, point};
 use crate::evaluate::circular::{reading, samples};
-use crate::files::{read_model, write_text};
+use crate::files::read_model;
+use crate::prelude::*;
 use crate::report_page::{Page, Plot, Style, Table};
-use crate::{Failure, Result};
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::{CirclePrediction, CircularReading, Circularity};
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::um_from_mm;
 
 pub(super) const HELP: &str = "\
 A measured circle:

@@ -1,11 +1,9 @@
 //! Readings of sensors that a prediction holds for: the live values of the model's thermal displacements.
 
-use std::path::Path;
-
-use crate::Result;
 use crate::files::read_model_file;
+use crate::prelude::*;
 use volcomp_estimate::thermal::{Thermal, ThermalState};
-use volcomp_model::{Model, SENSORS_MAX};
+use volcomp_model::SENSORS_MAX;
 
 /// One reading, as `--reading` gives it.
 #[derive(Debug, Clone, PartialEq)]

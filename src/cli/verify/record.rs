@@ -1,11 +1,7 @@
 //! `--record`: the result as the file that the daemon's page shows as the last verification.
 
-use std::path::PathBuf;
-
 use super::Verified;
-use crate::files::write_text;
-use crate::input::{self, InputKind};
-use crate::{EX_SOFTWARE, Failure, Result};
+use crate::prelude::*;
 use volcomp_daemon::Verification;
 
 /// The file, and what only a person knows.

@@ -2,7 +2,7 @@
 
 mod charts;
 
-use crate::report::Page;
+use crate::prelude::*;
 use crate::report::chart::{Bar, Ink, bars};
 use crate::report::page::{Cell, escape};
 use volcomp_diagnose::Diagnosis;
@@ -15,7 +15,6 @@ use super::terms::{
     Compensable, Shares, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent,
     remedy, sorted, um, with_names, with_uncertainty,
 };
-use crate::numerals::counted;
 
 /// Least probability of a cause that is not declared and gets a picture.
 const CANDIDATE: f64 = 0.1;

@@ -1,17 +1,13 @@
 //! Captures of a SINUMERIK Edge: following errors of the axes, from the JSON of the control or a table of its signals.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rows, along};
-use crate::input::{self, InputKind};
-use crate::numerals::counted;
-use crate::{Failure, Result, table};
+use crate::prelude::*;
+use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_formats::ReadError;
 use volcomp_formats::edge::{self, Header, Row, Sink};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::um_from_mm;
 
 /// Seconds per cycle of a table, which does not state it.
 const CYCLE_S: f64 = 0.002;

@@ -1,16 +1,12 @@
 //! Circular tests (ballbar, grid encoder): the table `angle_deg,deviation_um,direction`, optionally with the feed and the run.
 
 use core::f64::consts::PI;
-use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rows};
-use crate::numerals::counted;
-use crate::{Result, table};
+use crate::prelude::*;
+use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_identify::ballbar::{Plane, Sample, cut_overshoot};
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::Travel;
-use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 /// Length of the most common ballbar, mm.
 const RADIUS_MM: f64 = 150.0;

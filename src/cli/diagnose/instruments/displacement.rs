@@ -1,11 +1,9 @@
 //! Logs of displacement at one position, such as a spindle that warms up (ISO 230-3): a table over time with columns of
 //! displacement in um, temperatures `<name>_degC` or `<name> [°C]`, and `spindle_rpm`.
 
-use std::path::Path;
-
 use super::{InstrumentArgs, Measurement, Rows, along};
-use crate::numerals::counted;
-use crate::{Result, table};
+use crate::prelude::*;
+use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_formats::columns::date_time_s;
 

@@ -10,20 +10,15 @@ mod plate;
 mod positioning;
 mod unsuitable;
 
-use std::path::Path;
-
 use clap::Args;
 
 use super::ideal::Rotary;
-use crate::Result;
-use crate::arg_parsers::{axis_letter, one_of};
 use crate::import::DEVIATION_UNITS;
+use crate::prelude::*;
 use volcomp_diagnose::session::{Note, Raw, Times};
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{detect, hole_plate, text};
 use volcomp_identify::ballbar::Plane;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::AxisName;
 
 /// What files of instruments do not state.
 #[derive(Debug, Clone, Args)]

@@ -1,16 +1,12 @@
 //! Plates: lists of hole or ball positions from a CMM, drilled by the machine or measured on it.
 
-use std::path::Path;
-
 use super::{Measurement, Rows, along};
-use crate::input::{self, InputKind};
-use crate::numerals::counted;
 use crate::positioning_data::format_failure;
-use crate::{Result, table};
+use crate::prelude::*;
+use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_evaluate::PlatePoint;
 use volcomp_formats::hole_plate;
-use volcomp_units::um_from_mm;
 
 const COLUMNS: &str = "t_s setup run repeat moving x_mm y_mm dir_x dir_y u_x u_y u_z deviation_um hole_mm";
 

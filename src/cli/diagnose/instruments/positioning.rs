@@ -2,19 +2,15 @@
 //! `cycle,direction,target_mm,deviation_um`.
 
 use std::io::Cursor;
-use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rotary, Rows, along};
-use crate::input::{self, InputKind, text_of};
-use crate::numerals::counted;
+use crate::input::text_of;
 use crate::positioning_data::{Test, instrument_test, parse_csv};
+use crate::prelude::*;
 use crate::table::Table;
-use crate::{Failure, Result};
 use volcomp_diagnose::session::Times;
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_identify::start_up::start_up_outliers;
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{deg_from_rad, um_from_mm};
 
 /// Radius at which the deviations of a rotary axis are given, mm.
 const RADIUS_MM: f64 = 100.0;

@@ -1,8 +1,6 @@
 //! Files that are recognised and hold nothing that a diagnosis can use: each with the reason and a way on.
 
-use std::path::Path;
-
-use crate::{Failure, input};
+use crate::prelude::*;
 use volcomp_formats::detect::Format;
 use volcomp_formats::{b5r, text};
 

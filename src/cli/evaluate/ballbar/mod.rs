@@ -3,18 +3,14 @@
 mod report;
 mod trend;
 
-use std::path::PathBuf;
-
-use serde_json::{Map, Value, json};
-
 use super::circular::{assessed, keys, reading};
 use super::{Output, page};
-use crate::Result;
 use crate::acceptance::verdicts::Judged;
 use crate::acceptance::{Acceptance, Stated, file_name};
 use crate::evaluate::picture::circular::{self as drawing, Shown};
 use crate::identify::ballbar::report::{as_json, print};
 use crate::identify::ballbar::{Plan, SetUp};
+use crate::prelude::*;
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity};
 use volcomp_formats::columns::day;
 use volcomp_identify::ballbar::Plane;

@@ -2,18 +2,15 @@
 
 use super::trend::Trend;
 use super::{Test, shown};
-use crate::Result;
 use crate::acceptance::verdicts::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
 use crate::identify::ballbar::report::{
     Feature, confounded, features, note_text, reason_text, roundness, unit_of, widest, with_limits,
 };
-use crate::numerals::{counted, plain};
-use crate::report::{Page, Table};
+use crate::prelude::*;
 use crate::report_page::{Plot, Style};
 use volcomp_identify::ballbar::{Effect, Estimate, Plane};
-use volcomp_units::um_from_mm;
 
 /// Causes whose course over the tests is drawn.
 const COURSES: usize = 5;

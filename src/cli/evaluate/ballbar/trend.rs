@@ -1,14 +1,10 @@
 //! Circular errors and causes over several ballbar tests, and what changed by more than its uncertainty.
 
-use serde_json::{Value, json};
-
 use super::Test;
 use super::report::named;
 use crate::identify::ballbar::report::{COVERAGE, Feature, decimals_of, features, unit_of};
-use crate::numerals::plain;
-use crate::report::Table;
+use crate::prelude::*;
 use volcomp_identify::ballbar::Effect;
-use volcomp_units::um_from_mm;
 
 /// One quantity over the tests.
 pub(super) struct Course {

@@ -4,13 +4,12 @@
 use plotters::prelude::*;
 
 use crate::evaluate::headed;
-use crate::numerals::hull;
+use crate::prelude::*;
 use crate::report::plot::{
     Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, stacked,
     stacked_tests, with_room, words,
 };
 use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
-use volcomp_units::axes::Travel;
 
 pub(in crate::evaluate) const HEIGHT: u32 = 370;
 /// Height of one of two plots that share a sheet.

@@ -9,10 +9,10 @@ mod rows;
 mod sensors;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
 
 use crate::files;
-use crate::{Failure, Result, recordings};
+use crate::prelude::*;
+use crate::recordings;
 use rows::{Cell, Column, Rows};
 use sensors::Sensors;
 

@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical};
@@ -15,7 +14,7 @@ use parquet::schema::types::Type;
 
 use super::Sink;
 use super::rows::{Cell, Column, Kind};
-use crate::{EX_IOERR, Failure, Result};
+use crate::prelude::*;
 use volcomp_protocol::record::Meta;
 
 /// Rows kept before they are written.

@@ -1,12 +1,11 @@
 //! Entries to rows: time on one clock, velocities, directions, distances since the last reversal.
 
 use super::sensors::Sensors;
-use crate::quantities::{offset_unit, position_unit};
+use crate::prelude::*;
 use volcomp_config::MachineConfig;
 use volcomp_engine::fault;
 use volcomp_protocol::record::{Change, Cycle, Entry, Item};
 use volcomp_protocol::{ControlHello, MachineState, Tool};
-use volcomp_units::axes::AxisName;
 use volcomp_units::{MonoTime, NS_PER_S};
 
 /// Kind of a column.

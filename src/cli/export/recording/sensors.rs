@@ -1,9 +1,8 @@
 //! Columns of live values: one for every sensor that a model of the recording names.
 
+use crate::prelude::*;
 use crate::recordings::Inside;
-use volcomp_model::ErrorFunction;
 use volcomp_protocol::record::LIVE_MAX;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// A sensor, and what it last told.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,17 +2,13 @@
 
 pub(crate) mod report;
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
-use crate::arg_parsers::{above_zero, axis_letter, numbers, point};
+use crate::arg_parsers::numbers;
 use crate::files::read_model_file;
 use crate::identify::columns;
 use crate::identify::method::{Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
-use crate::{EX_DATAERR, Failure, Result};
-use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use crate::prelude::*;
+use volcomp_config::{Provenance, SourceEntry};
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::circular::CircularReading;
 use volcomp_identify::assemble::mirrored_curve;
@@ -20,10 +16,7 @@ use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
     run_starts, travelled,
 };
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, SENSORS_MAX};
-use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{deg_from_rad, mm_from_um, rad_from_deg};
+use volcomp_model::SENSORS_MAX;
 
 /// Causes of the deviations on ballbar circles, all at once and ranked by what they add to the bidirectional circular error G(b).
 ///

@@ -1,16 +1,11 @@
 //! What `volcomp identify ballbar` says: JSON with the names and units of ballbar result files, a table for people.
 
-use serde_json::{Value, json};
-
 use super::Plan;
-use crate::numerals::{counted, micro, plain, small};
-use crate::report::Table;
-use crate::units::or_dash;
+use crate::prelude::*;
 use volcomp_evaluate::{Centring, CircularReading, Circularity};
 use volcomp_identify::ballbar::{
     Analysis, Effect, End, Estimate, Harmonic, LengthChange, Note, Plane, Reason, Sample,
 };
-use volcomp_units::{deg_from_rad, mm_from_um, um_from_mm};
 
 /// A feature in the vocabulary of ballbar result files.
 pub(crate) struct Feature {

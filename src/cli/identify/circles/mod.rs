@@ -2,22 +2,16 @@
 
 mod out;
 
-use std::path::{Path, PathBuf};
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile};
 use super::columns;
 use super::method::{Found, Front, Method, printed};
 use super::tracker_points::{Frame, PointColumns, TrackerArgs};
-use crate::Result;
-use crate::arg_parsers::{not_negative, point};
 use crate::model_writer::{ModelWriter, data_error};
+use crate::prelude::*;
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
-use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_units::{arcsec_from_rad, mm_from_um, um_from_mm};
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.
 ///

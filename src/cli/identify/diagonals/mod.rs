@@ -2,31 +2,23 @@
 
 mod vector;
 
-use std::path::{Path, PathBuf};
-
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile};
 use super::method::{Found, Front, Method};
-use crate::arg_parsers::{above_zero, point};
 use crate::files::read_model;
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
-use crate::numerals::small;
 use crate::positioning_data::TestColumns;
-use crate::units::{key, or_dash};
-use crate::{Failure, Result, table};
+use crate::prelude::*;
+use crate::table;
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
 use volcomp_identify::diagonals::{
     DiagonalsError, MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
 };
-use volcomp_model::geometry::Vec3;
+use volcomp_model::Chain;
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper, student_95};
-use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]

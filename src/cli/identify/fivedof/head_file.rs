@@ -1,12 +1,8 @@
 //! The instrument as a file, `volcomp-fivedof/1` (TOML): optics as built, signs and gains as calibrated.
 
-use std::path::Path;
-
-use crate::Result;
-use crate::input::{self, InputKind};
+use crate::prelude::*;
 use volcomp_identify::fivedof::resting::{Calibration, Estimate};
 use volcomp_identify::fivedof::{Channels, Detector, Head};
-use volcomp_units::{mm_from_um, um_from_mm};
 
 /// The `format` of an instrument file.
 const FORMAT: &str = "volcomp-fivedof/1";

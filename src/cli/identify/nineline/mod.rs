@@ -3,29 +3,21 @@
 mod compare;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use serde_json::{Value, json};
 
 use self::compare::Comparison;
 use super::case::{CaseArgs, CaseFile, refused, rows};
 use super::columns::{self, Stops};
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
-use crate::Result;
-use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::model_writer::{data_error, default_chain};
-use crate::units::Units;
+use crate::prelude::*;
 use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_identify::twist::moved;
-use volcomp_model::Component;
-use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::axes::AxisName;
-use volcomp_units::mm_from_um;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
 ///

@@ -1,27 +1,18 @@
 //! `volcomp identify ram`: tool poses at several positions of the head to the errors of the ram.
 
-use std::path::{Path, PathBuf};
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile, refused, rows};
 use super::columns::{self, Stops};
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
-use crate::Result;
-use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::files::read_model;
 use crate::model_writer::{data_error, default_chain};
-use crate::units::Units;
+use crate::prelude::*;
 use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
-use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_model::{Component, Model, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
 ///

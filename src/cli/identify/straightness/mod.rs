@@ -3,27 +3,17 @@
 pub(super) mod axis_writer;
 mod sign_file;
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
 use self::axis_writer::{AxisWriter, Measured, Origin, means};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
 use super::case::{CaseArgs, CaseFile};
 use super::columns::{self, Column, Columns, RunColumns};
 use super::method::{Found, Front, Method, printed};
-use crate::arg_parsers::{linear_axis, point};
 use crate::files::continue_text;
-use crate::numerals::hull;
-use crate::units::{Units, column, key};
-use crate::{EX_CONFIG, Failure, Result};
+use crate::prelude::*;
+use crate::units::column;
 use volcomp_identify::Reading;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
 use volcomp_identify::straightness::{Line, Rule, levers};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Straightness and angles of one axis from a 6D interferometer, about three reference lines.
 #[derive(Debug, clap::Args)]

@@ -1,14 +1,10 @@
 //! The sign table of a 6D instrument, `volcomp-6d/1` (TOML), and its tilt test (CSV).
 
-use std::path::Path;
-
 use crate::identify::columns::{self, Column, Columns};
-use crate::input::{self, InputKind};
-use crate::{Failure, Result};
+use crate::prelude::*;
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
-use volcomp_units::axes::AxisName;
 
 /// The `format` of a sign table.
 const FORMAT: &str = "volcomp-6d/1";

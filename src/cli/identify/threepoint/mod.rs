@@ -4,27 +4,20 @@ mod plan;
 mod read;
 mod report;
 
-use std::path::PathBuf;
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile, refused, rows};
 use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Origin};
 use super::tracker_points::{Frame, TrackerArgs};
-use crate::Result;
-use crate::arg_parsers::{linear_axis, point};
 use crate::model_writer::{data_error, default_chain};
-use crate::units::Units;
+use crate::prelude::*;
 use volcomp_identify::motion::{MotionRow, to_relative};
 use volcomp_identify::threepoint::{
     Geometry, Observation, PoseErrors, Seen, Series, ThreePointError, TrackerNoise, geometry, sides, solve,
     solve_series,
 };
-use volcomp_model::Component;
-use volcomp_model::geometry::{Mat3, Vec3};
-use volcomp_units::axes::AxisName;
+use volcomp_model::geometry::Mat3;
 
 /// Six error motions of a linear axis from three or more points on its carriage, seen by a laser tracker.
 ///

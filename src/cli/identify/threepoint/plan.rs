@@ -1,16 +1,11 @@
 //! `volcomp identify threepoint --plan`: points and runs for a wanted uncertainty.
 
-use serde_json::{Value, json};
-
 use super::{Args, read};
-use crate::arg_parsers::{above_zero, not_negative, numbers};
+use crate::arg_parsers::numbers;
 use crate::identify::method::{Found, printed};
 use crate::model_writer::default_chain;
-use crate::units::or_dash;
-use crate::{Failure, Result};
+use crate::prelude::*;
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
-use volcomp_model::geometry::Vec3;
-use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
 
 /// The three angular error motions.
 const ANGLES: [&str; 3] = ["ea", "eb", "ec"];

@@ -1,12 +1,9 @@
 //! The files of the n-point method.
 
-use std::path::Path;
-
-use crate::Result;
 use crate::identify::columns;
 use crate::identify::tracker_points::{Frame, PointColumns, TrackerArgs};
+use crate::prelude::*;
 use volcomp_identify::threepoint::{Seen, Shot};
-use volcomp_model::geometry::Vec3;
 
 /// Endings of the columns of a point.
 const ENDINGS: [&str; 6] = ["_x_mm", "_y_mm", "_z_mm", "_range_mm", "_azimuth_deg", "_elevation_deg"];

@@ -1,13 +1,11 @@
 //! What the n-point method says about an axis.
 
-use serde_json::{Value, json};
-
 use super::of_geometry;
 use crate::identify::motion_curves::{Motions, Report};
 use crate::identify::tracker_points::{Frame, Registered};
+use crate::prelude::*;
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
 use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Everything there is to say beside the motions.
 pub(super) struct Threepoint {

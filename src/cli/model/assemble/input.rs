@@ -1,20 +1,14 @@
 //! What is put together: model files and tables of motions, each with its hash.
 
-use std::path::{Path, PathBuf};
-
 use super::Args;
 use crate::acceptance::file_name;
 use crate::fit::input::{BySymbol, Direction, Format, read};
-use crate::input::{self, InputKind};
-use crate::{Failure, Result};
-use volcomp_config as config;
+use crate::prelude::*;
 use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::Source;
 use volcomp_identify::curve::{self, Request};
-use volcomp_model::geometry::Vec3;
+use volcomp_model::AxisSpec;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
 
 /// One input.
 pub(super) struct Loaded {

@@ -3,18 +3,13 @@
 mod input;
 mod text_report;
 
-use std::path::PathBuf;
-
 use input::Loaded;
 
 use crate::files::write_model;
-use crate::{EX_DATAERR, Failure, Result};
-use volcomp_config as config;
-use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use crate::prelude::*;
+use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::{Assembled, Options, assemble};
-use volcomp_model::{AxisSpec, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{mm_from_um, rad_from_arcsec};
+use volcomp_model::AxisSpec;
 
 /// Put several measurements together: one model, one datum and reference-line convention, overlaps tested, sources kept
 ///

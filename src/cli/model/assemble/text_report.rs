@@ -1,14 +1,10 @@
 //! Text and JSON of `model assemble`.
 
-use serde_json::{Value, json};
-
 use super::input::Loaded;
 use crate::model::gauge;
-use crate::quantities::{error_out, error_unit, position_out, position_unit, rounded};
-use crate::units::key;
+use crate::prelude::*;
 use volcomp_identify::assemble::{Assembled, Check, Dropped, How, Origin};
 use volcomp_model::gauge::Part;
-use volcomp_units::arcsec_from_rad;
 
 /// The result with its inputs.
 pub(super) struct Report<'a> {

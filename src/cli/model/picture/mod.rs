@@ -6,11 +6,10 @@ mod volume;
 
 pub(super) use panel::meaning;
 
+use crate::prelude::*;
 use crate::report::plot::{
     Area, BLUE, Drawn, FAINT, FONT, INK, Part, Svg, TITLE, VERMILLION, WIDTH, stacked, svg,
 };
-use volcomp_model::{Model, ModelSpec};
-use volcomp_units::axes::AxisName;
 
 const AXIS_HEIGHT: u32 = TITLE + 2 * 230;
 const VOLUME_HEIGHT: u32 = 640;

@@ -4,11 +4,9 @@ use plotters::prelude::*;
 
 use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
 use crate::model::report::kinds_words;
-use crate::quantities::{error_out, position_out, position_unit};
+use crate::prelude::*;
 use crate::report::plot::{tick, words};
 use volcomp_model::search::reference_pose;
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisName, Travel};
 
 const SAMPLES: u32 = 600;
 

@@ -4,13 +4,11 @@
 use plotters::prelude::*;
 
 use super::{Area, BLUE, Drawn, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
+use crate::prelude::*;
 use crate::report::plot::words;
-use volcomp_model::geometry::{Vec3, unit};
+use volcomp_model::geometry::unit;
 use volcomp_model::search::reference_pose;
 use volcomp_model::wireframe::{self, Edge, Wire, Wireframe};
-use volcomp_model::{Model, ModelSpec};
-use volcomp_units::axes::AxisName;
-use volcomp_units::um_from_mm;
 
 /// Intervals of a wire.
 const POINTS: usize = 48;

@@ -1,0 +1,25 @@
+//! The vocabulary of the command line: what most of its files speak of, so that each names only what is its own.
+
+pub(crate) use std::path::{Path, PathBuf};
+
+pub(crate) use serde_json::{Map, Value, json};
+
+pub(crate) use crate::arg_parsers::{
+    above_zero, axis_letter, linear_axis, not_negative, number, one_of, point,
+};
+pub(crate) use crate::files::write_text;
+pub(crate) use crate::input::{self, InputKind};
+pub(crate) use crate::numerals::{counted, figure, hull, micro, plain, signed, small};
+pub(crate) use crate::quantities::{
+    error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
+};
+pub(crate) use crate::report::{Page, Table};
+pub(crate) use crate::units::{Units, key, or_dash};
+pub(crate) use crate::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, Result};
+pub(crate) use volcomp_config::{self as config, ModelFile};
+pub(crate) use volcomp_model::geometry::Vec3;
+pub(crate) use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+pub(crate) use volcomp_units::axes::{AxisKind, AxisName, Travel};
+pub(crate) use volcomp_units::{
+    arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm,
+};
