@@ -1,7 +1,5 @@
 //! Additions of `volcomp diagnose` for `volcomp predict`: their columns, row by row.
 
-use std::io::BufRead;
-
 use super::input::read_text;
 use super::table::Table;
 use crate::prelude::*;
@@ -59,10 +57,10 @@ pub(crate) fn read_addition(path: &Path) -> Result<Addition> {
 
 impl Additions {
     /// Reads the files; `None` without one.
-    pub(super) fn read<R: BufRead>(
+    pub(super) fn read(
         paths: &[PathBuf],
         (spec, model, hash): (&ModelSpec, &Model, &str),
-        table: &Table<R>,
+        table: &Table,
     ) -> Result<Option<Self>> {
         if paths.is_empty() {
             return Ok(None);
@@ -99,7 +97,7 @@ impl Additions {
     }
 
     /// What the additions say at the current row: deviation in W, mm.
-    pub(super) fn next<R: BufRead>(&mut self, table: &Table<R>, model: &Model) -> Result<Vec3> {
+    pub(super) fn next(&mut self, table: &Table, model: &Model) -> Result<Vec3> {
         let mut m = MachineState::default();
         for (column, field, factor) in &self.fields {
             let value = table.number(*column)? * factor;
@@ -141,11 +139,11 @@ pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &s
 }
 
 /// Positions of axes that the points lack are zero (`docs/reference/tables.md` 1).
-fn is_still<R: BufRead>(column: &str, table: &Table<R>) -> bool {
+fn is_still(column: &str, table: &Table) -> bool {
     Axis::ALL.iter().any(|a| a.column() == column) && table.find(column).is_none()
 }
 
-fn fields<R: BufRead>(table: &Table<R>) -> Vec<(usize, Field, f64)> {
+fn fields(table: &Table) -> Vec<(usize, Field, f64)> {
     let mut all = Vec::new();
     let mut add = |name: String, field: Field, factor: f64| {
         if let Some(i) = table.find(&name) {

@@ -28,8 +28,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<()> {
     if !(1..=CYCLES_MAX).contains(&args.cycles) {
-        let message = format_args!("error: --cycles {}; give 1 to {CYCLES_MAX}", args.cycles);
-        return Err(Failure::new(EX_USAGE, message));
+        return Err(usage!("--cycles {}; give 1 to {CYCLES_MAX}", args.cycles));
     }
     input::check(&args.config, InputKind::Machine)?;
     let loaded = volcomp_daemon::load(&args.config)

@@ -2,7 +2,6 @@
 
 use clap::Parser;
 
-use super::files::read_model;
 use super::quantities::offset_as_is;
 use crate::prelude::*;
 use volcomp_formats::part_program::{Corrected, Request, correct};

@@ -9,8 +9,14 @@ use std::io::{self, Write};
 
 /// Reads a model file with what it says about its origin.
 pub(super) fn read_model_file(path: &Path) -> Result<ModelFile> {
+    read_hashed_model_file(path).map(|(file, _)| file)
+}
+
+/// The same, with the BLAKE3 of the file as hexadecimal digits.
+pub(super) fn read_hashed_model_file(path: &Path) -> Result<(ModelFile, String)> {
     let text = input::read_text(path, InputKind::Model)?;
-    Ok(config::model::parse_file(&path.display().to_string(), &text)?)
+    let file = config::model::parse_file(&path.display().to_string(), &text)?;
+    Ok((file, blake3::hash(text.as_bytes()).to_hex().to_string()))
 }
 
 /// Reads and compiles a model file.
@@ -20,10 +26,9 @@ pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model)> {
 
 /// Reads and compiles a model file; with the BLAKE3 of the file as hexadecimal digits.
 pub(super) fn read_hashed_model(path: &Path) -> Result<(ModelSpec, Model, String)> {
-    let text = input::read_text(path, InputKind::Model)?;
-    let spec = config::model::parse(&path.display().to_string(), &text)?;
+    let (ModelFile { spec, .. }, hash) = read_hashed_model_file(path)?;
     let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
-    Ok((spec, model, blake3::hash(text.as_bytes()).to_hex().to_string()))
+    Ok((spec, model, hash))
 }
 
 /// An output that appears under its name only when finished; `-` is standard output, as is anything written

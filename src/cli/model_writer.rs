@@ -1,6 +1,5 @@
 //! Writer of the model file of `fit` and `identify`: a new one, or an existing one with some errors replaced.
 
-use super::files::{read_model_file, write_model};
 use super::targets;
 use crate::prelude::*;
 use volcomp_config::{Provenance, SourceEntry};
@@ -119,8 +118,8 @@ fn warn_of_axis_points(before: Option<&ModelSpec>, spec: &ModelSpec, out: &Path)
 
 /// Bad data in one of several files.
 pub(super) fn data_error(files: &[PathBuf], what: impl core::fmt::Display) -> Failure {
-    let names: Vec<String> = files.iter().map(|p| p.display().to_string()).collect();
-    failure!(EX_DATAERR, "{}: {what}", names.join(", "))
+    let names = files.iter().map(|p| p.display()).joined(", ");
+    failure!(EX_DATAERR, "{names}: {what}")
 }
 
 /// Puts an error in its place, with where it came from.
@@ -155,9 +154,9 @@ pub(super) fn default_chain(measured: impl IntoIterator<Item = AxisName>) -> Str
     }
     // the spindle is the last axis and stands in parentheses
     axes.sort_by_key(|a| *a == AxisName::S);
-    let words: Vec<String> =
-        axes.iter().map(|a| if *a == AxisName::S { "(S)".to_owned() } else { a.to_string() }).collect();
-    format!("[w b {} t]", words.join(" "))
+    let words =
+        axes.iter().map(|a| if *a == AxisName::S { "(S)".to_owned() } else { a.to_string() }).joined(" ");
+    format!("[w b {words} t]")
 }
 
 /// The data that errors are made from: names and hashes of the contents.

@@ -1,7 +1,7 @@
 //! Positioning tests from files: the CSV of `docs/reference/tables.md` 3 and the formats of instruments that their beginning
 //! gives away (`.dat` of ecmc loggers, Renishaw `.rtl`, API `.pos`).
 
-use std::io::{BufRead, Cursor};
+use std::io::Cursor;
 use std::ops::RangeInclusive;
 
 use super::acceptance::Stated;
@@ -221,7 +221,7 @@ pub(super) struct TestColumns {
 
 impl TestColumns {
     /// Finds the columns; `extra` are allowed beside them.
-    pub(super) fn find<R: BufRead>(table: &Table<R>, extra: &[&str]) -> Result<Self> {
+    pub(super) fn find(table: &Table, extra: &[&str]) -> Result<Self> {
         let rotary = table.find("target_deg").is_some() || table.find("deviation_arcsec").is_some();
         let (kind, target, deviation) = if rotary {
             (AxisKind::Rotary, "target_deg", "deviation_arcsec")
@@ -242,7 +242,7 @@ impl TestColumns {
     }
 
     /// The reading of the current row.
-    pub(super) fn reading<R: BufRead>(&self, table: &Table<R>) -> Result<Reading> {
+    pub(super) fn reading(&self, table: &Table) -> Result<Reading> {
         let (target, deviation) = (table.number(self.target)?, table.number(self.deviation)?);
         Ok(Reading {
             cycle: table.count(self.cycle)?,
@@ -254,7 +254,7 @@ impl TestColumns {
 }
 
 /// The CSV of `docs/reference/tables.md` 3.
-pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTest> {
+pub(super) fn parse_csv(mut table: Table) -> Result<PositioningTest> {
     let columns = TestColumns::find(&table, &["t_s"])?;
     let time = table.find("t_s");
     let (mut readings, mut lines, mut times_s) = (Vec::new(), Vec::new(), Vec::new());
@@ -300,7 +300,7 @@ mod tests {
     #[test]
     fn rotary_tests_are_in_degrees_and_arcsec() {
         let text = "cycle,direction,target_deg,deviation_arcsec\n1,1,180,-3.6\n";
-        let test = parse_csv(Table::new(text.as_bytes(), "f".into()).unwrap()).unwrap();
+        let test = parse_csv(Table::new(Cursor::new(text), "f".into()).unwrap()).unwrap();
         assert_eq!(test.kind, AxisKind::Rotary);
         assert!((test.readings[0].position - core::f64::consts::PI).abs() < 1e-15);
         assert!((test.readings[0].value + 1e-3f64.to_radians()).abs() < 1e-18);
@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn columns_are_checked() {
         let fails = |text: &str| {
-            let table = Table::new(text.as_bytes(), "f.csv".to_owned()).unwrap();
+            let table = Table::new(Cursor::new(text.to_owned()), "f.csv".to_owned()).unwrap();
             parse_csv(table).unwrap_err().message
         };
         assert!(fails("cycle,direction,target_mm\n").contains("column deviation_um is missing"));

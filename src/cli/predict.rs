@@ -5,8 +5,6 @@
 mod circle;
 mod readings;
 
-use std::io::BufRead;
-
 use clap::Parser;
 
 use super::additions::Additions;
@@ -129,7 +127,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn find<R: BufRead>(table: &Table<R>, model: &Model) -> Result<Self> {
+    fn find(table: &Table, model: &Model) -> Result<Self> {
         let mut found = Self { names: model.axes().map(|a| a.name).collect(), ..Self::default() };
         found.corrected =
             model.axes().enumerate().filter(|(_, a)| !a.spindle).map(|(k, a)| (a.name, k)).collect();
@@ -173,12 +171,7 @@ impl Columns {
     }
 
     /// Refuses tool lengths that neither the model nor an addition can use.
-    fn check_length<R: BufRead>(
-        &self,
-        table: &Table<R>,
-        model: &Model,
-        additions: Option<&Additions>,
-    ) -> Result<()> {
+    fn check_length(&self, table: &Table, model: &Model, additions: Option<&Additions>) -> Result<()> {
         let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(Additions::take_length);
         match self.tool_length {
             Some(length) if !used => Err(table.fail(
@@ -232,12 +225,7 @@ impl Columns {
     }
 
     /// The signals of the dynamic terms at a row; of what has no column, those of an axis at rest after long travel.
-    fn signals<R: BufRead>(
-        &self,
-        table: &Table<R>,
-        model: &Model,
-        pose: &Pose,
-    ) -> Result<[f64; DYNAMIC_MAX]> {
+    fn signals(&self, table: &Table, model: &Model, pose: &Pose) -> Result<[f64; DYNAMIC_MAX]> {
         let mut motions = pose.travel.map(AxisMotion::after);
         for (column, k, kind, unit) in &self.motion {
             let value = table.number(*column)? * unit;
@@ -315,7 +303,7 @@ impl Columns {
         names
     }
 
-    fn header<R: BufRead>(&self, table: &Table<R>, block: &mut Vec<u8>) {
+    fn header(&self, table: &Table, block: &mut Vec<u8>) {
         block.extend_from_slice(table.text());
         for name in self.output_names() {
             block.push(b',');
@@ -325,7 +313,7 @@ impl Columns {
     }
 
     #[inline]
-    fn pose<R: BufRead>(&self, table: &Table<R>, model: &Model) -> Result<Pose> {
+    fn pose(&self, table: &Table, model: &Model) -> Result<Pose> {
         let mut pose = Pose::at([0.0; MAX_AXES]);
         for &(column, k, unit) in &self.axes {
             pose.position[k] = table.number(column)? * unit;

@@ -7,9 +7,9 @@ pub(crate) use serde_json::{Map, Value, json};
 pub(crate) use crate::arg_parsers::{
     above_zero, axis_letter, linear_axis, not_negative, number, one_of, point,
 };
-pub(crate) use crate::files::write_text;
+pub(crate) use crate::files::{read_hashed_model_file, read_model, read_model_file, write_model, write_text};
 pub(crate) use crate::input::{self, InputKind};
-pub(crate) use crate::numerals::{counted, figure, hull, micro, plain, signed, small};
+pub(crate) use crate::numerals::{Joined, counted, figure, hull, micro, plain, signed, small};
 pub(crate) use crate::quantities::{
     error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };

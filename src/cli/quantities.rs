@@ -78,7 +78,7 @@ pub(crate) fn pose_words(chain: &Chain, pose: &Pose) -> String {
         let q = (position_out(axis, pose.position[k]) * 1e2).round() / 1e2 + 0.0;
         format!("{axis} {q}{back}")
     };
-    placed(chain).map(word).collect::<Vec<_>>().join("  ")
+    placed(chain).map(word).joined("  ")
 }
 
 /// A pose for programs: `x_mm`, `dir_x` of every axis.

@@ -69,21 +69,22 @@ fn judge(report: &Report, walked: &Walked) -> Result<()> {
     let part = if complete { "" } else { "; the recording is incomplete, too" };
     let Report { differing, compared, cycles, .. } = report;
     if *differing > 0 {
-        let what = format_args!("error: {differing} of {compared} cycles differ from the recording{part}");
-        return Err(Failure::new(EX_DIFFERS, what));
+        return Err(failure!(EX_DIFFERS, "{differing} of {compared} cycles differ from the recording{part}"));
     }
     if *compared == 0 {
-        let what = "error: nothing could be compared: no cycle, or the engine never caught up after a gap";
-        return Err(Failure::new(EX_DATAERR, what));
+        return Err(failure!(
+            EX_DATAERR,
+            "nothing could be compared: no cycle, or the engine never caught up after a gap"
+        ));
     }
     if !complete {
         let gaps = counted(walked.missing.len(), "gap");
         let damaged = counted(walked.damaged, "damaged place");
-        let what = format_args!(
-            "error: not everything could be replayed: {gaps}, {damaged}, {compared} of {cycles} cycles compared (all the same)\n  \
+        return Err(failure!(
+            EX_INCOMPLETE,
+            "not everything could be replayed: {gaps}, {damaged}, {compared} of {cycles} cycles compared (all the same)\n  \
              hint: give all files of the run; the lines above name what is missing"
-        );
-        return Err(Failure::new(EX_INCOMPLETE, what));
+        ));
     }
     Ok(())
 }
@@ -104,12 +105,13 @@ fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay> {
             .find(|(hash, _)| blake3::Hash::from(*hash).to_hex().as_str() == meta.model_hash)
             .map(|(_, model)| Arc::clone(model))
             .ok_or_else(|| {
-                let why = format_args!(
-                    "error: {path} (model inside): the model of its beginning, {} (blake3 {}), is missing or damaged\n  \
+                failure!(
+                    EX_DATAERR,
+                    "{path} (model inside): the model of its beginning, {} (blake3 {}), is missing or damaged\n  \
                      hint: name that file with --model",
-                    meta.model, meta.model_hash
-                );
-                Failure::new(EX_DATAERR, why)
+                    meta.model,
+                    meta.model_hash
+                )
             })?,
         Some(path) => {
             let (_, model, hash) = files::read_hashed_model(path)?;

@@ -20,8 +20,8 @@ const LINE_LIMIT: u64 = 1 << 20;
 const LINES_PER_LOOK: u64 = 4096;
 
 /// A table being read, with a progress bar where it takes long: the current row and its place.
-pub(super) struct Table<R> {
-    source: R,
+pub(super) struct Table {
+    source: Box<dyn BufRead>,
     file: String,
     columns: Vec<String>,
     /// 1-based line of the current row.
@@ -44,28 +44,28 @@ pub(super) struct Table<R> {
 pub(super) const STDIN: &str = "<stdin>";
 
 /// Opens a file whose rows are kept in memory, or standard input for `-`.
-pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>> {
+pub(super) fn open(path: &Path) -> Result<Table> {
     open_as(path, InputKind::Table)
 }
 
 /// Opens a file whose rows are not kept, or standard input for `-`.
-pub(super) fn open_stream(path: &Path) -> Result<Table<Box<dyn BufRead>>> {
+pub(super) fn open_stream(path: &Path) -> Result<Table> {
     let mut table = open_as(path, InputKind::Stream)?;
     table.rows_left = u64::MAX;
     Ok(table)
 }
 
-fn open_as(path: &Path, kind: InputKind) -> Result<Table<Box<dyn BufRead>>> {
+fn open_as(path: &Path, kind: InputKind) -> Result<Table> {
     let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
-    Table::new(Box::new(input::open(path, kind)?.buffered()), file)
+    Table::new(input::open(path, kind)?.buffered(), file)
 }
 
-impl<R: BufRead> Table<R> {
+impl Table {
     /// Reads the header.
-    pub(super) fn new(source: R, file: String) -> Result<Self> {
+    pub(super) fn new(source: impl BufRead + 'static, file: String) -> Result<Self> {
         let progress = Progress::new(Path::new(&file));
         let mut table = Self {
-            source,
+            source: Box::new(source),
             file,
             columns: Vec::new(),
             line: 0,
@@ -191,7 +191,8 @@ impl<R: BufRead> Table<R> {
 
     /// A finite number.
     #[inline]
-    pub(super) fn number(&self, column: usize) -> Result<f64> {
+    pub(super) fn number(&self, column: impl Into<usize>) -> Result<f64> {
+        let column = column.into();
         let parsed = std::str::from_utf8(self.field(column)).ok().and_then(finite);
         parsed.ok_or_else(|| self.bad_number(column))
     }
@@ -229,8 +230,8 @@ impl<R: BufRead> Table<R> {
     }
 
     /// A word.
-    pub(super) fn word(&self, column: usize) -> String {
-        String::from_utf8_lossy(self.field(column)).into_owned()
+    pub(super) fn word(&self, column: impl Into<usize>) -> String {
+        String::from_utf8_lossy(self.field(column.into())).into_owned()
     }
 
     /// An error about the current line.
@@ -241,7 +242,8 @@ impl<R: BufRead> Table<R> {
 
     /// An error about a field of the current row.
     #[cold]
-    pub(super) fn fail(&self, column: usize, what: impl core::fmt::Display) -> Failure {
+    pub(super) fn fail(&self, column: impl Into<usize>, what: impl core::fmt::Display) -> Failure {
+        let column = column.into();
         let at = match self.fields.get(column) {
             Some(range) if !self.has_quotes => {
                 String::from_utf8_lossy(&self.text[..range.start]).chars().count() + 1
@@ -393,9 +395,10 @@ fn distance(a: &[char], b: &[char]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Cursor;
 
-    fn table(text: &str) -> Result<Table<&[u8]>> {
-        Table::new(text.as_bytes(), "t.csv".to_owned())
+    fn table(text: &str) -> Result<Table> {
+        Table::new(Cursor::new(text.to_owned()), "t.csv".to_owned())
     }
 
     fn error(text: &str) -> String {
@@ -425,7 +428,7 @@ mod tests {
         assert_eq!(t.columns(), ["a", "b"]);
         let mut rows = Vec::new();
         while t.advance().unwrap() {
-            rows.push((t.line, t.number(0).unwrap(), t.number(1).unwrap()));
+            rows.push((t.line, t.number(0usize).unwrap(), t.number(1usize).unwrap()));
         }
         assert_eq!(rows, [(4, 1.0, 2.0), (7, 3.0, 4.0)]);
     }
@@ -456,7 +459,7 @@ mod tests {
         let t = Table::new(&b"\xff\xfe\x00,b\n"[..], "t.csv".to_owned());
         assert!(t.err().unwrap().message.contains("not UTF-8"));
         let endless = vec![b'7'; 3 << 20];
-        let t = Table::new(endless.as_slice(), "t.csv".to_owned());
+        let t = Table::new(Cursor::new(endless), "t.csv".to_owned());
         assert!(t.err().unwrap().message.contains("more than 1048576 bytes"));
     }
 

@@ -2,8 +2,7 @@
 
 mod record;
 
-use crate::acceptance::verdicts::{Assessed, Judged};
-use crate::acceptance::{Acceptance, HeadArgs, Stated};
+use crate::acceptance::{Acceptance, Assessed, HeadArgs, Judged};
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};
@@ -381,16 +380,11 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
     let compared = Compared {
         test: "straightness",
         standard: "Error motions of an axis about their end-point lines, ISO 230-1:2012",
-        keys: Vec::new(),
-        stated: Stated::default(),
         unit: "µm",
-        figures: Vec::new(),
         about: [", about the end-point line"; 2],
-        plots: Vec::new(),
         is_repeated: true,
-        caption: "",
         readings: [placed(&before), placed(&after)],
-        notes: Vec::new(),
+        ..Compared::default()
     };
     Ok((compared, charts))
 }

@@ -8,7 +8,7 @@ use crate::prelude::*;
 use crate::report::page::Cell;
 use head_file::Numbers;
 pub(crate) use head_file::{Compensation, HeadFile, Text};
-use verdicts::{Assessed, NOT_STATED};
+pub(crate) use verdicts::{Assessed, Judged, NOT_STATED, summary};
 
 /// Arguments of every report that is handed over.
 #[derive(Debug, Clone, Default, clap::Args)]

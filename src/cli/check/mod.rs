@@ -48,8 +48,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
     #[expect(clippy::disallowed_methods, reason = "colours are for a terminal, and NO_COLOR is respected")]
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
-    Err(Failure::new(code, message.join("\n\n")))
+    let message = problems.iter().map(|p| p.as_text(color)).joined("\n\n");
+    Err(Failure::new(code, message))
 }
 
 /// What came out of one file.
@@ -291,7 +291,7 @@ impl Found {
                 }
             }
         }
-        lines.iter().map(|line| micro(line)).collect::<Vec<_>>().join("\n")
+        lines.iter().map(|line| micro(line)).joined("\n")
     }
 
     fn as_json(&self) -> Value {

@@ -157,16 +157,13 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         .map(|a| a.name)
         .collect();
     if !unlimited.is_empty() {
-        let names: Vec<String> = unlimited.iter().map(ToString::to_string).collect();
+        let names = unlimited.iter().joined(", ");
         let keys = [(AxisKind::Linear, "soft-limit-mm"), (AxisKind::Rotary, "soft-limit-deg")];
         let missing = |kind: AxisKind| unlimited.iter().any(|a| a.kind() == kind);
-        let keys: Vec<&str> = keys.into_iter().filter(|(k, _)| missing(*k)).map(|(_, key)| key).collect();
+        let keys = keys.into_iter().filter(|(k, _)| missing(*k)).map(|(_, key)| key).joined(" and ");
         out.push(format!(
-            "no {} for {}: nothing here keeps an offset from carrying an axis over a soft limit of the machine; the control \
-             has to",
-            keys.join(" and "),
-            names.join(", ")
-        ));
+            "no {keys} for {names}: nothing here keeps an offset from carrying an axis over a soft limit of the machine; the control \
+             has to"));
     }
     let mut cut_off = Vec::new();
     for axis in &machine.axes {

@@ -43,7 +43,7 @@ pub(super) fn session(path: &Path, args: &InstrumentArgs, plan: bool) -> Result<
 }
 
 /// Refuses what is no session table at all, before one of its lines is called wrong.
-fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<()> {
+fn known(table: &Table) -> Result<()> {
     let names = table.columns();
     if names.iter().any(|n| is_quantity(n) || n == "instrument") {
         return Ok(());
@@ -59,7 +59,7 @@ fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<()> {
 }
 
 /// Reads a session table; empty fields become NaN.
-pub(super) fn read<R: std::io::BufRead>(table: &mut Table<R>) -> Result<Raw> {
+pub(super) fn read(table: &mut Table) -> Result<Raw> {
     let names: Vec<String> = table.columns().to_vec();
     let instrument = names.iter().position(|n| n == "instrument");
     let mut raw = Raw { file: table.file().to_owned(), ..Raw::default() };

@@ -144,7 +144,7 @@ fn words_of(stem: &str) -> String {
         Some(time) if !time.is_empty() && time.bytes().all(|b| b.is_ascii_digit()) => format!("{time} s"),
         _ => word.to_owned(),
     };
-    stem.trim_end_matches("_1").split('_').map(word).collect::<Vec<_>>().join(" ")
+    stem.trim_end_matches("_1").split('_').map(word).joined(" ")
 }
 
 /// Peak to valley of the fitted curves of a cause, with its uncertainty, angular readings as angles; the largest where there are
@@ -173,7 +173,7 @@ pub(super) fn with_names(text: &str) -> String {
             _ => word.to_owned(),
         }
     };
-    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+    text.split(' ').map(word).joined(" ")
 }
 
 /// Shares of the mean square of the gap that are no cause's: what is unexplained, drift and noise. With those of the causes they

@@ -47,11 +47,11 @@ pub(super) fn list_effects(name: &str) -> Result<()> {
     }
     let stem = name.split(':').next().unwrap_or(name).to_ascii_lowercase();
     let Some(e) = Effect::find(&stem) else {
-        let names: Vec<&str> = EFFECTS.iter().map(|e| e.name).collect();
-        return Err(usage!("--list-effects {name}: no such effect; effects are {}", names.join(", ")));
+        let names = EFFECTS.iter().map(|e| e.name).joined(", ");
+        return Err(usage!("--list-effects {name}: no such effect; effects are {names}"));
     };
     say!("{}", with_subject(e));
-    say!("  also called     {}", e.synonyms.split(' ').collect::<Vec<_>>().join(", "));
+    say!("  also called     {}", e.synonyms.split(' ').joined(", "));
     say!("  kind            {}", kind(e.kind));
     say!("  cause           {}", e.cause);
     say!("  formula         {}", e.formula);
@@ -91,14 +91,12 @@ pub(super) fn summary(
     let drifts = r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um);
     for all in drifts.collect::<Vec<_>>().chunk_by(|a, b| (a.drift_um, a.drift_s) == (b.drift_um, b.drift_s))
     {
-        let names: Vec<&str> = all.iter().map(|n| n.instrument.as_str()).collect();
-        let whites: Vec<String> = all.iter().map(|n| um(n.white_um)).collect();
+        let names = all.iter().map(|n| n.instrument.as_str()).joined(", ");
+        let whites = all.iter().map(|n| um(n.white_um)).joined(", ");
         say!(
-            "drift of {}: {} µm over {}, noise {} µm; slow effects may be hidden by it",
-            names.join(", "),
+            "drift of {names}: {} µm over {}, noise {whites} µm; slow effects may be hidden by it",
             um(all[0].drift_um),
-            session.span(all[0].drift_s),
-            whites.join(", ")
+            session.span(all[0].drift_s)
         );
     }
     for p in r.places.iter().take(4) {
@@ -206,7 +204,7 @@ fn unidentifiable(found: &Diagnosis) {
     for (because, names) in reasons.iter().take(REASONS) {
         let named =
             |(name, of): (&&str, &Vec<&str>)| format!("{name} {}", of.join(" ")).trim_end().to_owned();
-        say!("      {}: {because}", names.iter().map(named).collect::<Vec<_>>().join(", "));
+        say!("      {}: {because}", names.iter().map(named).joined(", "));
     }
 }
 

@@ -5,10 +5,9 @@
 mod picture;
 mod text_report;
 
-use super::files::read_model_file;
 use super::progress::Steps;
-use super::report::page::Cell;
 use crate::prelude::*;
+use crate::report::Cell;
 use volcomp_model::compare::{Comparison, compare};
 
 /// Exit code where the models differ.
@@ -71,9 +70,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         json["same"] = same.into();
         super::exit::print(&format!("{json:#}\n"))?;
     } else {
-        super::exit::print(
-            &(text_report::lines(&diff).iter().map(|line| micro(line)).collect::<Vec<_>>().join("\n") + "\n"),
-        )?;
+        super::exit::print(&(text_report::lines(&diff).iter().map(|line| micro(line)).joined("\n") + "\n"))?;
     }
     if same { Ok(()) } else { Err(Failure::new(DIFFERENT, "")) }
 }

@@ -58,7 +58,7 @@ fn change_words(change: &Change) -> String {
                 let at = |(axis, v): &(AxisName, f64)| {
                     format!("{axis} {} {}", position_out(*axis, *v), position_unit(*axis))
                 };
-                if d.is_empty() { "none".to_owned() } else { d.iter().map(at).collect::<Vec<_>>().join(" ") }
+                if d.is_empty() { "none".to_owned() } else { d.iter().map(at).joined(" ") }
             });
             of("datum".to_owned(), words)
         }
@@ -185,7 +185,7 @@ pub(super) fn provenance(diff: &Diff) -> Vec<String> {
 fn describe(out: &mut Vec<String>, whose: &str, a: &Provenance, b: &Provenance) {
     let fields = |p: &Provenance| -> Vec<(&'static str, String)> {
         let text = |t: &Option<String>| t.clone().unwrap_or_else(|| "-".to_owned());
-        let sources = p.sources.iter().map(|s| s.to_string()).collect::<Vec<_>>().join("; ");
+        let sources = p.sources.iter().map(|s| s.to_string()).joined("; ");
         vec![
             ("instrument", text(&p.instrument)),
             ("date", text(&p.date)),

@@ -7,11 +7,9 @@ use clap::ValueEnum;
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, put_before, side_by_side,
-    values,
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, side_by_side, values,
 };
-use crate::acceptance::verdicts::{Assessed, Judged};
-use crate::acceptance::{Acceptance, Stated};
+use crate::acceptance::{Acceptance, Assessed, Judged, Stated};
 use crate::prelude::*;
 use crate::table;
 use crate::units::check_size;
@@ -147,7 +145,7 @@ fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result
     let mut feeds: Vec<f64> = samples.iter().filter_map(|s| s.feed).collect();
     feeds.sort_by(f64::total_cmp);
     feeds.dedup();
-    let list = || feeds.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    let list = || feeds.iter().map(f64::to_string).joined(", ");
     match wanted {
         Some(wanted) if feeds.contains(&wanted) => {
             Ok(samples.into_iter().filter(|s| s.feed == Some(wanted)).collect())
@@ -183,15 +181,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let pictures = headed(before.as_ref().map(|b| b.shown(args.plane, args.radius_mm)), after_shown);
     let division = drawing::scale(pictures.iter().map(|(_, shown)| shown));
     args.output.deliver(
+        &judged,
         || drawing::whole(title, &pictures, division),
         || report(args, title, &judged, &after, old.as_deref(), &pictures),
         || {
-            let mut out = as_json(&judged.figures, &after);
-            judged.put(&mut out);
-            if let Some((before, old)) = before.as_ref().zip(old.as_deref()) {
-                put_before(&mut out, as_json(old, before));
-            }
-            out
+            let before = before.as_ref().zip(old.as_deref()).map(|(before, old)| as_json(old, before));
+            (as_json(&judged.figures, &after), before)
         },
         || {
             let file = args.output.data(&args.data).display();

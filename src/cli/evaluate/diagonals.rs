@@ -5,11 +5,9 @@ use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, put_before, show,
-    side_by_side,
+    CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, show, side_by_side,
 };
-use crate::acceptance::verdicts::{Assessed, Judged};
-use crate::acceptance::{Acceptance, Stated};
+use crate::acceptance::{Acceptance, Assessed, Judged};
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
@@ -111,19 +109,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let title = args.output.title("Body diagonals");
     let scale = scale(&after, before.as_ref());
     args.output.deliver(
+        &judged,
         || whole(title, &after, before.as_ref(), scale),
         || report(args, title, &judged, &after, before.as_ref().zip(old.as_deref()), scale),
-        || {
-            let mut report = object(&after.result);
-            judged.put(&mut report);
-            if let Some(before) = &before {
-                put_before(&mut report, object(&before.result));
-            }
-            report
-        },
-        || {
-            print(&after.result, old.as_deref(), &judged.figures);
-        },
+        || (object(&after.result), before.as_ref().map(|before| object(&before.result))),
+        || print(&after.result, old.as_deref(), &judged.figures),
     )
 }
 
@@ -194,7 +184,7 @@ fn four(test: &Evaluated, y: [f64; 2], area: &Area<'_>) -> Drawn {
 /// The signs of X, Y, Z.
 fn signs(diagonal: Diagonal) -> String {
     let sign = |(c, axis): (char, char)| format!("{}{axis}", if c == 'p' { '+' } else { '-' });
-    diagonal.name().chars().zip(['X', 'Y', 'Z']).map(sign).collect::<Vec<_>>().join(" ")
+    diagonal.name().chars().zip(['X', 'Y', 'Z']).map(sign).joined(" ")
 }
 
 /// The diagonals, before and after below each other.
@@ -277,7 +267,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         test: "iso230-6",
         standard: "Positioning along the body diagonals, ISO 230-6:2002; figures of the worst of the four",
         keys: keys(),
-        stated: Stated::default(),
         unit: "µm",
         figures: side_by_side(
             [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, &conditions)),
@@ -292,5 +281,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
              the set-up."
                 .to_owned(),
         ],
+        ..Compared::default()
     })
 }

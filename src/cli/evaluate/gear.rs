@@ -2,9 +2,8 @@
 
 use super::page;
 use super::picture::gear::{self as drawing, Panel};
-use super::{Output, change, percent, put_before, show};
-use crate::acceptance::Acceptance;
-use crate::acceptance::verdicts::Judged;
+use super::{Output, change, percent, show};
+use crate::acceptance::{Acceptance, Judged};
 use crate::prelude::*;
 use crate::table;
 use volcomp_evaluate::gear::{
@@ -118,15 +117,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let old = before.as_ref().map(|b| lines(&gear, b));
     let table = figures(&lines(&gear, &after), old.as_deref());
     args.output.deliver(
+        &judged,
         || drawing::whole(title, &shown, drawing::step_um(&shown)),
         || report(args, title, &judged, &gear, &table, &shown),
-        || {
-            let mut out = as_json(&gear, &after);
-            if let Some(before) = &before {
-                put_before(&mut out, as_json(&gear, before));
-            }
-            out
-        },
+        || (as_json(&gear, &after), before.as_ref().map(|before| as_json(&gear, before))),
         || {
             let traces: usize = after.iter().map(|f| f.teeth.len()).sum();
             let file = args.output.data(&args.data).display();

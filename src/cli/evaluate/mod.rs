@@ -14,9 +14,8 @@ mod uncertainty_args;
 
 use clap::Parser;
 
-use super::acceptance::HeadArgs;
+use super::acceptance::{Assessed, HeadArgs, Judged};
 use super::table;
-use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::prelude::*;
 use crate::report::plot::Svg;
@@ -100,12 +99,14 @@ impl Output {
         page::start(title, standard, judged, &origins, facts)
     }
 
-    /// Writes what was asked for; then JSON or text goes to stdout, where that is free.
+    /// Writes what was asked for; then JSON or text goes to stdout, where that is free. `json` are the figures, and those of the
+    /// test before; the verdicts and the changes are added.
     fn deliver(
         &self,
+        judged: &Judged,
         svg: impl FnOnce() -> Svg,
         page: impl FnOnce() -> Result<String>,
-        json: impl FnOnce() -> Map<String, Value>,
+        json: impl FnOnce() -> (Map<String, Value>, Option<Map<String, Value>>),
         print: impl FnOnce(),
     ) -> Result<()> {
         let stdout_taken = [&self.svg, &self.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
@@ -121,7 +122,12 @@ impl Output {
             note!("report written: {}", path.display());
         }
         if self.json {
-            say!("{:#}", Value::Object(json()));
+            let (mut out, before) = json();
+            judged.put(&mut out);
+            if let Some(before) = before {
+                put_before(&mut out, before);
+            }
+            say!("{:#}", Value::Object(out));
         } else if !stdout_taken {
             print();
         }
@@ -130,6 +136,7 @@ impl Output {
 }
 
 /// Two measurements of one kind side by side, for `volcomp verify`.
+#[derive(Default)]
 pub(crate) struct Compared {
     /// Name of the test in JSON.
     pub(crate) test: &'static str,

@@ -2,10 +2,9 @@
 //! table of figures before and after with tolerance and verdict.
 
 use super::{changed, show};
-use crate::acceptance::verdicts::{Assessed, Judged, summary};
-use crate::acceptance::{RULE, file_name, sign};
+use crate::acceptance::{Assessed, Judged, RULE, file_name, sign, summary};
 use crate::prelude::*;
-use crate::report::page::Cell;
+use crate::report::Cell;
 
 /// Where the data of a report came from.
 pub(crate) struct Origin {

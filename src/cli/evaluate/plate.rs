@@ -5,8 +5,7 @@ use std::io::Cursor;
 use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
-use crate::acceptance::Acceptance;
-use crate::acceptance::verdicts::Judged;
+use crate::acceptance::{Acceptance, Judged};
 use crate::positioning_data::format_failure;
 use crate::prelude::*;
 use crate::table::Table as Csv;
@@ -117,9 +116,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let title = args.output.title(plate.title.as_deref().unwrap_or("Plate"));
     let shown = |title| Shown { title, points: &plate.points, fit: &fit };
     args.output.deliver(
+        &judged,
         || drawing::whole(&shown(title)),
         || report(args, title, &judged, &plate, &fit),
-        || as_json(&plate, &fit),
+        || (as_json(&plate, &fit), None),
         || {
             say!("{}: {title}, {} places", args.output.data(&args.data).display(), plate.points.len());
             estimates(&fit).print();

@@ -4,11 +4,9 @@ use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, put_before, show,
-    side_by_side, values,
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, show, side_by_side, values,
 };
-use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
-use crate::acceptance::{Acceptance, Stated};
+use crate::acceptance::{Acceptance, Assessed, Judged, NOT_STATED, Stated};
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::prelude::*;
 use crate::start_up::{StartUp, in_report_units, words};
@@ -168,17 +166,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let title = args.output.title("Positioning of an axis");
     let (key, ..) = after.units();
     args.output.deliver(
+        &judged,
         || drawing::whole(title, &after.shown(), before.as_ref().map(Evaluated::shown).as_ref()),
         || report(args, title, &judged, &after, before.as_ref().zip(old.as_deref())),
         || {
             let mut out = as_json(&after.result, key);
             put_uncertainties(&mut out, &after.uncertainties, key);
             put_start_up(&mut out, &after, key);
-            judged.put(&mut out);
-            if let Some(before) = &before {
-                put_before(&mut out, as_json(&before.result, key));
-            }
-            out
+            (out, before.as_ref().map(|before| as_json(&before.result, key)))
         },
         || {
             let (file, p) = (args.output.data(&args.data).display(), &after.result);
@@ -399,9 +394,9 @@ fn common_scale(tests: [&Evaluated; 2]) -> [f64; 2] {
 fn start_up_section(page: &mut Page, test: &Evaluated, unit: &str) {
     let Some(start_up) = &test.start_up else { return };
     page.heading("Start-up outliers");
-    let list: Vec<String> =
-        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, words(m, test.kind))).collect();
-    page.note(list.join(" "));
+    let list =
+        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, words(m, test.kind))).joined(" ");
+    page.note(list);
     if let Some(without) = &start_up.without {
         with_and_without(test, without, unit).put(page);
     }
@@ -472,7 +467,7 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         caption: "Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both directions.",
         readings: [placed(&before), placed(&after)],
         is_repeated: true,
-        notes: Vec::new(),
+        ..Compared::default()
     })
 }
 

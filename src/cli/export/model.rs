@@ -3,7 +3,6 @@
 use clap::Args;
 
 use super::FormatArg;
-use crate::files::read_model;
 use crate::import::ControlArgs;
 use crate::prelude::*;
 use volcomp_formats::sample::{AxisTable, ExportError, Sampling, Way};

@@ -23,12 +23,13 @@ pub(super) struct Args {
     what: What,
 }
 
-#[derive(Debug, clap::Subcommand)]
-enum What {
-    /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
-    Show(ShowArgs),
-    /// Begin a map anew from the offline map; its sensors are initialised again.
-    Forget(ForgetArgs),
+subcommands! {
+    enum What {
+        /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
+        Show(ShowArgs) => show,
+        /// Begin a map anew from the offline map; its sensors are initialised again.
+        Forget(ForgetArgs) => forget,
+    }
 }
 
 #[derive(Debug, clap::Args)]
@@ -62,24 +63,19 @@ struct ForgetArgs {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    match &args.what {
-        What::Show(args) => show(args),
-        What::Forget(args) => {
-            let ask = Ask {
-                command: Verb::Forget,
-                map: Some(args.map.clone()),
-                reason: args.reason.clone(),
-                ..Ask::default()
-            };
-            let answer = client::ask(&socket(&args.which)?, &ask).map_err(|e| failure(&e))?;
-            if args.json {
-                say!("{}", json(&answer)?);
-            } else {
-                say!("map {} restarts from the offline map", args.map);
-            }
-            Ok(())
-        }
+    args.what.run()
+}
+
+fn forget(args: &ForgetArgs) -> Result<()> {
+    let (map, reason) = (Some(args.map.clone()), args.reason.clone());
+    let ask = Ask { command: Verb::Forget, map, reason, ..Ask::default() };
+    let answer = client::ask(&socket(&args.which)?, &ask).map_err(|e| failure(&e))?;
+    if args.json {
+        say!("{}", json(&answer)?);
+    } else {
+        say!("map {} restarts from the offline map", args.map);
     }
+    Ok(())
 }
 
 fn show(args: &ShowArgs) -> Result<()> {

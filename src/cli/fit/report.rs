@@ -172,7 +172,7 @@ pub(crate) fn outlier_lines(f: &Fitted) -> Vec<String> {
 
 /// What the targets of an axis cannot show, in words.
 pub(crate) fn hidden_text(hidden: &Hidden) -> Option<String> {
-    let list = |pitches: &[f64]| pitches.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    let list = |pitches: &[f64]| pitches.iter().map(f64::to_string).joined(", ");
     let mut parts = Vec::new();
     if !hidden.constant.is_empty() {
         parts.push(format!("of {} mm pitch looks like an offset", list(&hidden.constant)));

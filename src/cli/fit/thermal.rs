@@ -4,10 +4,10 @@ use clap::Parser;
 use plotters::prelude::*;
 
 use super::picture::PictureArgs;
-use crate::identify::columns::{self, Column, Columns};
+use crate::identify::{Column, Columns, columns};
 use crate::model_writer::{ModelWriter, Sources};
 use crate::prelude::*;
-use crate::report::page::Cell;
+use crate::report::Cell;
 use crate::report::plot::{self, Axes, Key};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
@@ -159,7 +159,7 @@ fn sensors(
     if named.is_empty() {
         without.iter().try_for_each(|name| table.require(name).map(|_| ()))?;
         let ends = |name: &&String| name.to_ascii_lowercase().ends_with(ending) && !without.contains(name);
-        names.extend(table.table.columns().iter().filter(ends).cloned());
+        names.extend(table.columns().iter().filter(ends).cloned());
     }
     let one = |name: String| {
         Ok((table.require(&name)?, Input { sensor: stem(&name).to_owned(), quantity, values: Vec::new() }))

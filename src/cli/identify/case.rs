@@ -3,7 +3,7 @@
 
 use serde::de::DeserializeOwned;
 
-use super::method::{Found, Front, printed};
+use crate::identify::{Found, Front, printed};
 use crate::model_writer::ModelWriter;
 use crate::prelude::*;
 

@@ -1,7 +1,6 @@
 //! Columns of instrument tables by name; their numbers become mm and rad by the unit at the end of the name.
 
 use std::collections::HashMap;
-use std::io::BufRead;
 
 use crate::positioning_data::no_rows;
 use crate::prelude::*;
@@ -25,8 +24,22 @@ pub(crate) struct RunColumns {
 
 /// A table that knows which of its columns were asked for.
 pub(crate) struct Columns {
-    pub(crate) table: Table<Box<dyn BufRead>>,
+    pub(crate) table: Table,
     known: Vec<String>,
+}
+
+impl core::ops::Deref for Columns {
+    type Target = Table;
+
+    fn deref(&self) -> &Table {
+        &self.table
+    }
+}
+
+impl From<Column> for usize {
+    fn from(column: Column) -> Self {
+        column.index
+    }
 }
 
 /// The name that is most like this one, or else `columns`.
@@ -54,7 +67,7 @@ impl Column {
 }
 
 impl Columns {
-    pub(crate) const fn new(table: Table<Box<dyn BufRead>>) -> Self {
+    pub(crate) const fn new(table: Table) -> Self {
         Self { table, known: Vec::new() }
     }
 
@@ -97,14 +110,9 @@ impl Columns {
         }
     }
 
-    /// A number of the current row as written.
-    pub(crate) fn number(&self, column: Column) -> Result<f64> {
-        self.table.number(column.index)
-    }
-
     /// A number of the current row, mm or rad.
     pub(crate) fn value(&self, column: Column) -> Result<f64> {
-        self.table.number(column.index).map(column.to_inner)
+        self.number(column).map(column.to_inner)
     }
 
     /// A number of the current row, or that of a table without the column.
@@ -115,11 +123,6 @@ impl Columns {
     /// Three numbers of the current row.
     pub(crate) fn point(&self, [x, y, z]: [Column; 3]) -> Result<Vec3> {
         Ok(Vec3::new(self.value(x)?, self.value(y)?, self.value(z)?))
-    }
-
-    /// A word of the current row.
-    pub(crate) fn word(&self, column: Column) -> String {
-        self.table.word(column.index)
     }
 
     /// A whole number from 0 up; 0 without the column.
@@ -142,19 +145,9 @@ impl Columns {
         })
     }
 
-    /// 1-based line of the current row.
-    pub(crate) const fn line(&self) -> u64 {
-        self.table.line()
-    }
-
-    /// A message about a field of the current row.
-    pub(crate) fn fail(&self, column: Column, what: impl core::fmt::Display) -> Failure {
-        self.table.fail(column.index, what)
-    }
-
     /// Bad data in the file.
     pub(crate) fn file_error(&self, what: impl core::fmt::Display) -> Failure {
-        Failure::data(Path::new(self.table.file()), what)
+        Failure::data(self.file(), what)
     }
 
     /// What `read` makes of every row.

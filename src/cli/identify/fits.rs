@@ -3,9 +3,8 @@
 use clap::ValueEnum;
 use serde::Deserialize;
 
-use super::case::{CaseArgs, CaseFile};
-use super::method::{Found, Front, Method, printed};
 use crate::fit::AutoOr;
+use crate::identify::{CaseArgs, CaseFile, Found, Front, Method, printed};
 use crate::prelude::*;
 use crate::table;
 use volcomp_identify::Reading;

@@ -1,7 +1,7 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
-use super::columns::{self, Column, hint};
-use super::method::{Found, Front, Method};
+use super::columns::{self, hint};
+use crate::identify::{Column, Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, put};
 use crate::prelude::*;
 use volcomp_identify::grinder::{
@@ -128,11 +128,10 @@ impl Method for Args {
 
 /// The drawing, the model of --into, or a bare chain.
 fn drawing(args: &Args) -> Result<ModelFile> {
-    let Some(path) = &args.drawing else {
-        return args.out.base(|| "[w A' b X Y B t]".to_owned());
-    };
-    config::model::parse_file(&path.display().to_string(), &input::read_text(path, InputKind::Model)?)
-        .map_err(|e| Failure::new(EX_CONFIG, e))
+    match &args.drawing {
+        Some(path) => read_model_file(path),
+        None => args.out.base(|| "[w A' b X Y B t]".to_owned()),
+    }
 }
 
 /// Names of the columns of an axis: its coordinate, and the correction added to it.
@@ -197,8 +196,8 @@ fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Resul
         let mut fields: Vec<f64> = kinds().zip(p.position).map(|(kind, v)| kind.position_out(v)).collect();
         fields.extend(p.tip.iter());
         fields.extend(kinds().zip(correction).map(|(kind, v)| kind.offset_out(v)));
-        let words: Vec<String> = fields.into_iter().map(short).collect();
-        text.push_str(&(words.join(",") + "\n"));
+        let words = fields.into_iter().map(short).joined(",");
+        text.push_str(&(words + "\n"));
     }
     write_text(path, &text)?;
     note!("poses written: {} ({} for axis {axis})", path.display(), planned.len());

@@ -2,9 +2,7 @@
 
 use serde::Deserialize;
 
-use super::case::{CaseArgs, CaseFile};
-use super::columns::{self, Column, Columns};
-use super::method::{Found, Front, Method, printed};
+use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
 use crate::prelude::*;
 use volcomp_estimate::filter::COMPONENTS_MAX;
@@ -187,7 +185,7 @@ impl TableColumns {
         let [a, b, c] = axes.map(|axis| format!("{}_mm", axis.lower()));
         let positions = table.three([&a, &b, &c])?;
         let mut found: Option<(Column, ErrorSymbol)> = None;
-        for (i, column) in table.table.columns().to_vec().iter().enumerate() {
+        for (i, column) in table.columns().to_vec().iter().enumerate() {
             if table.known().contains(column) {
                 continue;
             }
@@ -195,9 +193,9 @@ impl TableColumns {
             let symbol = ErrorSymbol::parse(name);
             match symbol.filter(|s| !s.is_constant() && Units::of(*s).value == unit) {
                 Some(symbol) if found.is_none() => found = table.find(column).map(|c| (c, symbol)),
-                Some(_) => return Err(table.table.fail(i, "a second error; filter one error at a time")),
+                Some(_) => return Err(table.fail(i, "a second error; filter one error at a time")),
                 None => {
-                    return Err(table.table.fail(i, "unknown column; columns are t_s, the axes in mm, and one error such as eaz_arcsec or ezz_um"));
+                    return Err(table.fail(i, "unknown column; columns are t_s, the axes in mm, and one error such as eaz_arcsec or ezz_um"));
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! What a method is to `volcomp identify`, and the runner that does the reading, printing and writing of all of them.
 
-use super::case::CaseFile;
+use crate::identify::CaseFile;
 use crate::model_writer::ModelWriter;
 use crate::prelude::*;
 

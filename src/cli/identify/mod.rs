@@ -22,6 +22,14 @@ mod straightness;
 mod threepoint;
 mod tracker_points;
 
+use case::{CaseArgs, CaseFile};
+pub(crate) use columns::{Column, Columns};
+use columns::{RunColumns, Stops};
+use curve_fits::CurveFits;
+use method::{Found, Front, Method, printed};
+use motion_curves::{CurveArgs, Motions};
+use tracker_points::{Frame, PointColumns, Registered, TrackerArgs};
+
 /// Turn instrument data into an error model.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {

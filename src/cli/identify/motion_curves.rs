@@ -3,9 +3,7 @@
 
 use std::fmt::Write as _;
 
-use super::columns;
-use super::curve_fits::CurveFits;
-use super::method::{Found, Front};
+use super::{CurveFits, Found, Front, columns};
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::comments;
 use crate::model_writer::{ModelWriter, axis_entry, data_error};

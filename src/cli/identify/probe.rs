@@ -1,8 +1,6 @@
 //! `volcomp identify probe`: effective radius of a touch probe's ball, from contacts with a gauge bar.
 
-use super::case::{CaseArgs, CaseFile};
-use super::columns;
-use super::method::{Found, Front, Method};
+use super::{CaseArgs, CaseFile, Found, Front, Method, columns};
 use crate::arg_parsers::numbers;
 use crate::model_writer::{ModelWriter, Sources, put};
 use crate::prelude::*;
@@ -200,8 +198,8 @@ impl Found for Outcome<'_> {
         if !found.outliers.is_empty() {
             let what = if args.robust { "rejected" } else { "kept; --robust rejects them" };
             let one = |&i: &usize| format!("{} ({:+.2} um)", i + 1, um_from_mm(found.residuals[i]));
-            let list: Vec<String> = found.outliers.iter().map(one).collect();
-            note!("note: contacts off the circle by more than noise: {} ({what})", list.join(", "));
+            let list = found.outliers.iter().map(one).joined(", ");
+            note!("note: contacts off the circle by more than noise: {list} ({what})");
         }
         for n in &found.notes {
             note!("note: {}", note(n, found));

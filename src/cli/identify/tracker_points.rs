@@ -1,7 +1,7 @@
 //! Points in CSV files: named points with coordinates, or with range, azimuth and elevation from a tracker, and the
 //! registration of the tracker's frame to the machine's.
 
-use super::columns::{self, Column, Columns};
+use super::{Column, Columns, columns};
 use crate::prelude::*;
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
@@ -152,7 +152,7 @@ impl TrackerArgs {
         let own = Mat3::identity() * mm_from_um(self.machine_sigma_um).powi(2);
         table.rows(|row| {
             let seen = Place::read(row, columns)?;
-            covariance.push(frame.covariance(&seen, row.table.file())? + own);
+            covariance.push(frame.covariance(&seen, row.file())? + own);
             points.push(row.word(name));
             from.push(seen.point());
             to.push(row.point(machine)?);
@@ -178,7 +178,7 @@ impl Frame {
     /// One point of the current row in M, with its covariance.
     pub(super) fn read(&self, row: &Columns, columns: PointColumns) -> Result<(Vec3, Mat3)> {
         let place = Place::read(row, columns)?;
-        let covariance = self.covariance(&place, row.table.file())?;
+        let covariance = self.covariance(&place, row.file())?;
         let turned = self.registered.as_ref().map_or(covariance, |r| r.fit.turn(&covariance));
         Ok((self.in_machine(&place), turned))
     }

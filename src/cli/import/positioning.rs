@@ -29,9 +29,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
         let after = cycles;
         let mut sink = |kind: AxisKind, reading: &Reading| {
             if *joined.get_or_insert(kind) != kind {
-                let what =
-                    format_args!("error: {file}: in other units than the files before it; import them apart");
-                return Err(Failure::new(EX_DATAERR, what));
+                return Err(data!(file, "in other units than the files before it; import them apart"));
             }
             // several files are several tests: their cycles follow each other
             let cycle = reading.cycle + after;

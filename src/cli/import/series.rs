@@ -23,7 +23,7 @@ fn create<'a>(args: &Args, columns: impl Iterator<Item = &'a str>) -> Result<Row
 }
 
 fn put_names<'a>(rows: &mut Rows, columns: impl Iterator<Item = &'a str>) {
-    rows.block.extend_from_slice(columns.collect::<Vec<_>>().join(",").as_bytes());
+    rows.block.extend_from_slice(columns.joined(",").as_bytes());
     rows.block.push(b'\n');
 }
 

@@ -23,9 +23,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
         let errors = read(args, format, &model, &file, &decoded.text, &encoding_note(&decoded))?;
         for (symbol, function) in errors {
             if seen.contains(&symbol) {
-                let what =
-                    format_args!("error: {file}: {symbol} was in a file before it; import one of the two");
-                return Err(Failure::new(EX_DATAERR, what));
+                return Err(data!(file, "{symbol} was in a file before it; import one of the two"));
             }
             seen.push(symbol);
             refuse_other_reference(&model, symbol, format, &file)?;
@@ -100,19 +98,19 @@ fn refuse_other_reference(
     }
     let axis = model.spec.axis(symbol.axis());
     if model.spec.is_mirrored(axis.name) {
-        let what = format_args!(
-            "error: {file}: axis {} of the model is in the carriage sense, the table in the relative one; import into a model in the relative sense",
+        return Err(data!(
+            file,
+            "axis {} of the model is in the carriage sense, the table in the relative one; import into a model in the relative sense",
             axis.name
-        );
-        return Err(Failure::new(EX_DATAERR, what));
+        ));
     }
     let elsewhere = axis.reference_points.iter().any(|r| r.point != Vec3::zeros());
     if format == FormatArg::Isg && axis.name.kind() == AxisKind::Linear && elsewhere {
-        let what = format_args!(
-            "error: {file}: axis {} of the model has reference points, the table is referred to the origin; import into a model without them",
+        return Err(data!(
+            file,
+            "axis {} of the model has reference points, the table is referred to the origin; import into a model without them",
             axis.name
-        );
-        return Err(Failure::new(EX_DATAERR, what));
+        ));
     }
     Ok(())
 }
@@ -134,8 +132,11 @@ fn describe(symbol: ErrorSymbol, function: &ErrorFunction) {
         }
     }
     for grid in &function.grids {
-        let axes: Vec<String> =
-            grid.axes().enumerate().map(|(i, a)| format!("{} along {a}", grid.positions(i).len())).collect();
-        note!("  {symbol}: grid, {}", axes.join(", "));
+        let axes = grid
+            .axes()
+            .enumerate()
+            .map(|(i, a)| format!("{} along {a}", grid.positions(i).len()))
+            .joined(", ");
+        note!("  {symbol}: grid, {axes}");
     }
 }

@@ -3,8 +3,7 @@
 use super::gauge::NEGLIGIBLE;
 use super::picture;
 use super::report::Report;
-use crate::acceptance::verdicts::NOT_STATED;
-use crate::acceptance::{Acceptance, HeadArgs, Stated, file_name, sign};
+use crate::acceptance::{Acceptance, HeadArgs, NOT_STATED, Stated, file_name, sign};
 use crate::check::Size;
 use crate::prelude::*;
 use volcomp_config::{MachineConfig, Provenance};
@@ -152,11 +151,10 @@ impl Documented<'_> {
         );
         self.acceptance.head(&mut page);
         let hash = self.hash.as_ref().map_or(String::new(), |h| format!(", blake3 {h}"));
-        let axes: Vec<String> =
-            spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| self.axis(a.name)).collect();
+        let axes = spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| self.axis(a.name)).joined("; ");
         page.facts([
             ("model file", format!("{}{hash}", self.report.name)),
-            ("kinematic representation", format!("{}; {}", spec.chain, axes.join("; "))),
+            ("kinematic representation", format!("{}; {axes}", spec.chain)),
             ("determined from", or_not_stated(origin(&self.file.provenance))),
             ("re-check", or_not_stated(self.re_check())),
         ]);
@@ -285,7 +283,7 @@ impl Documented<'_> {
 
     fn applied(&self) -> String {
         let axes = match self.machine {
-            Some(machine) => machine.axes.iter().map(|a| a.name.to_string()).collect::<Vec<_>>().join(", "),
+            Some(machine) => machine.axes.iter().map(|a| a.name.to_string()).joined(", "),
             None => NOT_STATED.to_owned(),
         };
         format!("offsets of the axes, each cycle; axes offset: {axes}")
@@ -331,17 +329,15 @@ impl Documented<'_> {
             let words = |(s, amount): &(ErrorSymbol, f64)| {
                 format!("{s} {} {}", signed(error_out(*s, *amount), 2), error_unit(*s))
             };
-            let all: Vec<String> = held.iter().map(words).collect();
+            let all = held.iter().map(words).joined(", ");
             out.push(format!(
-                "compensated as slopes or offsets of other curves: {} (volcomp model normalise gives them functions of their own)",
-                all.join(", ")
-            ));
+                "compensated as slopes or offsets of other curves: {all} (volcomp model normalise gives them functions of their own)"));
         }
         if let Some(machine) = self.machine {
             let never = machine.uncorrected_axes(spec);
             if !never.is_empty() {
-                let names: Vec<String> = never.iter().map(ToString::to_string).collect();
-                out.push(format!("axes that are never offset: {}", names.join(", ")));
+                let names = never.iter().joined(", ");
+                out.push(format!("axes that are never offset: {names}"));
             }
         }
         let rotary = spec.chain.axes().iter().any(|a| !a.spindle && a.name.kind() == AxisKind::Rotary);
@@ -434,12 +430,12 @@ fn representation(symbol: ErrorSymbol, function: &ErrorFunction) -> String {
     };
     let mut terms: Vec<String> = function.curves.iter().map(curve).collect();
     terms.extend(function.grids.iter().map(|grid| {
-        let axes: Vec<String> = grid
+        let axes = grid
             .axes()
             .enumerate()
             .map(|(i, axis)| format!("{axis} {} {}", grid.positions(i).len(), step(grid.positions(i), axis)))
-            .collect();
-        format!("grid, {}, linear", axes.join(", "))
+            .joined(", ");
+        format!("grid, {axes}, linear")
     }));
     terms.extend(function.live.iter().map(|live| format!("live value of {}", live.sensor)));
     if !function.dynamics.is_empty() {

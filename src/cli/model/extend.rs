@@ -3,8 +3,6 @@
 use super::forecast::Forecast;
 use crate::acceptance::file_name;
 use crate::additions::read_addition;
-use crate::files::write_model;
-use crate::input::read_text;
 use crate::prelude::*;
 use volcomp_effects::addition::Twice;
 use volcomp_effects::extend::{Fate, extend};
@@ -42,9 +40,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let text = read_text(&args.model, InputKind::Model)?;
-    let mut model = config::model::parse_file(&args.model.display().to_string(), &text)?;
-    let hash = blake3::hash(text.as_bytes()).to_hex();
+    let (mut model, hash) = read_hashed_model_file(&args.model)?;
     let mut fates: Vec<(String, Fate)> = Vec::new();
     for path in &args.add {
         let addition = read_addition(path)?;
@@ -75,20 +71,18 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     if !fates.iter().any(|(_, fate)| fate.is_taken()) {
         let why: Vec<String> = fates.iter().map(|f| format!("\n  {}", line(f))).collect();
-        let files: Vec<String> = args.add.iter().map(|p| p.display().to_string()).collect();
+        let files = args.add.iter().map(|p| p.display()).joined(", ");
         return Err(failure!(
             EX_DATAERR,
-            "{}: nothing in it can be part of a model; the model stays as it is{}",
-            files.join(", "),
+            "{files}: nothing in it can be part of a model; the model stays as it is{}",
             why.concat()
         ));
     }
     let forecast = args.add.first().map(|path| Forecast::read(args.report.as_ref(), path));
     let forecast = forecast.transpose()?.flatten();
     let delivered = forecast.as_ref().map(|f| f.delivered(&fates));
-    let added: Vec<String> = args.add.iter().map(|p| file_name(p)).collect();
-    let comment =
-        format!("{} with {}, written by volcomp model extend.", file_name(&args.model), added.join(", "));
+    let added = args.add.iter().map(|p| file_name(p)).joined(", ");
+    let comment = format!("{} with {added}, written by volcomp model extend.", file_name(&args.model));
     write_model(&args.out, &config::model::write_file(&model, &[comment]))?;
     if args.json {
         let report = serde_json::json!({

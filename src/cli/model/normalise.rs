@@ -1,6 +1,5 @@
 //! `model normalise`: writes the normal form of a model (equations 1.8), once and visibly.
 
-use crate::files::write_model;
 use crate::prelude::*;
 use volcomp_model::normalise;
 

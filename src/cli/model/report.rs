@@ -99,7 +99,7 @@ impl Report<'_> {
     pub(super) fn worst_words(&self) -> String {
         let table = self.worst();
         let words = table.cells().iter().take(2).map(|row| format!("{} {}", row[0], row[1]));
-        words.collect::<Vec<_>>().join("; ")
+        words.joined("; ")
     }
 
     /// The largest correction of each axis: how large, where.
@@ -294,7 +294,7 @@ pub(super) fn kinds_words(function: &ErrorFunction) -> String {
     }
     let words =
         counted.into_iter().map(|(kind, n)| if n > 1 { format!("{n} {kind}") } else { kind.to_owned() });
-    words.collect::<Vec<_>>().join(" + ")
+    words.joined(" + ")
 }
 
 fn origin_words(p: &Provenance) -> String {
@@ -303,7 +303,7 @@ fn origin_words(p: &Provenance) -> String {
     out.extend(p.source.as_ref().map(|s| format!("from {s}")));
     if !p.sources.is_empty() {
         let files = p.sources.iter().filter_map(|s| s.source.as_deref());
-        out.push(format!("from {}", files.collect::<Vec<_>>().join(" and ")));
+        out.push(format!("from {}", files.joined(" and ")));
     }
     out.extend(p.expiry.as_ref().map(|e| format!("use until {e}")));
     out.extend(p.note.clone());

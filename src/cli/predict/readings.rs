@@ -1,6 +1,5 @@
 //! Readings of sensors that a prediction holds for: the live values of the model's thermal displacements.
 
-use crate::files::read_model_file;
 use crate::prelude::*;
 use volcomp_estimate::thermal::{Thermal, ThermalState};
 use volcomp_model::SENSORS_MAX;
@@ -46,12 +45,8 @@ pub(super) fn live_values(path: &Path, model: &Model, readings: &[Reading]) -> R
         let find = |sensor: &str| readings.iter().rfind(|r| r.sensor == sensor).map(|r| r.value);
         let values: Option<Vec<f64>> = thermal.inputs.iter().map(|i| find(&i.sensor)).collect();
         let Some(values) = values else {
-            let names: Vec<&str> = thermal.inputs.iter().map(|i| i.sensor.as_str()).collect();
-            return Err(usage!(
-                "thermal \"{}\" depends on {}; give --reading for each",
-                thermal.name,
-                names.join(", ")
-            ));
+            let names = thermal.inputs.iter().map(|i| i.sensor.as_str()).joined(", ");
+            return Err(usage!("thermal \"{}\" depends on {names}; give --reading for each", thermal.name));
         };
         let mut state = ThermalState::new(thermal);
         state.advance(thermal, 0.0, &values);

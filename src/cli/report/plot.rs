@@ -28,9 +28,9 @@ pub(crate) const SHEET_WIDTH: u32 = 840;
 /// A part of a picture.
 pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// The result of drawing.
-pub(crate) type Drawn = Result<(), Box<dyn std::error::Error>>;
+pub(crate) type Drawn<T = ()> = Result<T, Box<dyn std::error::Error>>;
 /// A finished picture.
-pub(crate) type Svg = Result<String, Box<dyn std::error::Error>>;
+pub(crate) type Svg = Drawn<String>;
 /// A chart with straight axes.
 pub(crate) type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
@@ -85,11 +85,7 @@ pub(crate) fn stacked_tests<T>(
 }
 
 /// Words above a picture; what is left below them.
-pub(crate) fn titled<'a>(
-    area: &Area<'a>,
-    text: &str,
-    size: u32,
-) -> Result<Area<'a>, Box<dyn std::error::Error>> {
+pub(crate) fn titled<'a>(area: &Area<'a>, text: &str, size: u32) -> Drawn<Area<'a>> {
     if text.is_empty() {
         return Ok(area.clone());
     }
@@ -119,10 +115,7 @@ pub(crate) struct Axes<'a> {
 
 impl Axes<'_> {
     /// Draws the axes with grid and labels.
-    pub(crate) fn draw<'a, 'b>(
-        &self,
-        area: &'a Area<'b>,
-    ) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+    pub(crate) fn draw<'a, 'b>(&self, area: &'a Area<'b>) -> Drawn<Chart<'a, 'b>> {
         let mut builder = ChartBuilder::on(area);
         if !self.title.is_empty() {
             builder.caption(self.title, (FONT, 15).into_font().color(&INK));

@@ -1,10 +1,11 @@
 //! A table that a terminal and a page show alike: the same heads and rows, columns as wide as what stands in them.
 
+use crate::acceptance::NOT_STATED;
+use crate::report::Cell;
 use std::fmt::Display;
 
-use super::page::{Cell, Page};
-use crate::acceptance::verdicts::NOT_STATED;
-use crate::numerals::micro;
+use super::page::Page;
+use crate::numerals::{Joined, micro};
 
 /// Blanks between two columns.
 const GAP: usize = 2;
@@ -78,7 +79,7 @@ impl Table {
                 true => format!("{:>width$}", row[*k]),
                 false => format!("{:<width$}", row[*k]),
             });
-            cells.collect::<Vec<_>>().join(&" ".repeat(GAP)).trim_end().to_owned()
+            cells.joined(&" ".repeat(GAP)).trim_end().to_owned()
         };
         all.iter().map(line).collect()
     }

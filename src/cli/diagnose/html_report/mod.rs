@@ -3,8 +3,9 @@
 mod charts;
 
 use crate::prelude::*;
+use crate::report::Cell;
 use crate::report::chart::{Bar, Ink, bars};
-use crate::report::page::{Cell, escape};
+use crate::report::page::escape;
 use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::report::{Cause, Report, Verdict};
 use volcomp_diagnose::session::Session;
@@ -172,8 +173,8 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable) -> Vec<Cel
         });
     }
     if !c.confounded_with.is_empty() {
-        let names: Vec<String> = c.confounded_with.iter().map(|l| name_of_label(l)).collect();
-        last.push(format!("not separable here from: {}", names.join(", ")));
+        let names = c.confounded_with.iter().map(|l| name_of_label(l)).joined(", ");
+        last.push(format!("not separable here from: {names}"));
     }
     if !c.re_expression_of.is_empty() {
         last.push(format!("equivalent here to {}", c.re_expression_of.join(" or ")));
@@ -382,8 +383,8 @@ fn next(page: &mut Page, r: &Report) {
             continue;
         }
         if lines.iter().all(|l| l.starts_with('(')) {
-            let text: Vec<&str> = lines.iter().map(|l| l.trim_matches(['(', ')'])).collect();
-            page.note(capital(&text.join("; ")));
+            let text = lines.iter().map(|l| l.trim_matches(['(', ')'])).joined("; ");
+            page.note(capital(&text));
         } else {
             page.folded(&format!("part program, {}", counted(lines.len(), "line")), &lines);
         }
@@ -397,8 +398,8 @@ fn limits(page: &mut Page, r: &Report) {
     let mut pairs: Vec<String> = Vec::new();
     for c in r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE) {
         if !c.confounded_with.is_empty() {
-            let others: Vec<String> = c.confounded_with.iter().map(|l| name_of_label(l)).collect();
-            pairs.push(format!("{} from {}", name(&c.effect, &c.subject), others.join(", ")));
+            let others = c.confounded_with.iter().map(|l| name_of_label(l)).joined(", ");
+            pairs.push(format!("{} from {others}", name(&c.effect, &c.subject)));
         }
     }
     if pairs.is_empty() && r.cannot_be_seen.is_empty() {
@@ -449,14 +450,13 @@ fn data(page: &mut Page, session: &Session, r: &Report) {
         .collect();
     page.stacked_table(&head, &rows);
     if !r.outlying_readings.is_empty() {
-        let listed: Vec<String> = r.outlying_readings.iter().take(OUTLIERS).map(|o| o.words(um)).collect();
+        let listed = r.outlying_readings.iter().take(OUTLIERS).map(|o| o.words(um)).joined("; ");
         let more = r.outlying_readings.len().saturating_sub(OUTLIERS);
         let more = if more > 0 { format!(" and {more} more in report.json") } else { String::new() };
         page.note(format!(
-            "{} left out as {}: {}{more}.",
+            "{} left out as {}: {listed}{more}.",
             counted(r.outlying_readings.len(), "reading"),
-            if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" },
-            listed.join("; ")
+            if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" }
         ));
     }
     // the folder of a file says nothing on paper

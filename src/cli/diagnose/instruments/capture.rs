@@ -117,8 +117,8 @@ impl Survey {
 
     fn channels(&self, path: &Path, axes: &[(AxisName, u32)]) -> Result<Vec<Channel>> {
         let known = || {
-            let all: Vec<String> = self.axes.iter().map(|(n, s)| format!("{n} ({})", s.name)).collect();
-            all.join(", ").replace(" ()", "")
+            let all = self.axes.iter().map(|(n, s)| format!("{n} ({})", s.name)).joined(", ");
+            all.replace(" ()", "")
         };
         let linear = axes.iter().filter(|(a, _)| a.kind() == AxisKind::Linear);
         let mut channels = Vec::new();
@@ -184,14 +184,14 @@ impl Following {
     }
 
     fn finish(self, format: String, notes: Vec<String>, times: &str) -> Measurement {
-        let axes: Vec<String> = self.channels.iter().map(|c| c.axis.lower().to_string()).collect();
+        let axes = self.channels.iter().map(|c| c.axis.lower().to_string()).joined(", ");
         let samples = self.rows.raw.len();
         let stretches = self.runs.len();
         let mut found = Measurement::new(self.rows, Times::Measured, format);
         found.notes = notes;
         found.note(format!(
             "following errors (encoder minus set point) of {}: {}, {times}, {}",
-            self.only.map_or(axes.join(", "), |a| a.lower().to_string()),
+            self.only.map_or(axes, |a| a.lower().to_string()),
             counted(samples, "reading"),
             counted(stretches, "uninterrupted part")
         ));

@@ -68,9 +68,9 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
             ));
         }
     };
-    let list: Vec<String> =
-        channels.iter().zip(&found).map(|(c, d)| format!("{c} along {}", ["x", "y", "z"][*d])).collect();
-    let note = format!("directions assumed {how}: {}; --series states them", list.join(", "));
+    let list =
+        channels.iter().zip(&found).map(|(c, d)| format!("{c} along {}", ["x", "y", "z"][*d])).joined(", ");
+    let note = format!("directions assumed {how}: {list}; --series states them");
     Ok((found.into_iter().zip(channels.iter().cloned()).collect(), note))
 }
 

@@ -5,8 +5,7 @@ mod trend;
 
 use super::circular::{assessed, keys, reading};
 use super::{Output, page};
-use crate::acceptance::verdicts::Judged;
-use crate::acceptance::{Acceptance, Stated, file_name};
+use crate::acceptance::{Acceptance, Judged, Stated, file_name};
 use crate::evaluate::picture::circular::{self as drawing, Shown};
 use crate::identify::ballbar::report::{as_json, print};
 use crate::identify::ballbar::{Plan, SetUp};
@@ -139,12 +138,13 @@ pub(super) fn run(args: &Args) -> Result<()> {
     };
     let title = args.output.title("Ballbar test");
     args.output.deliver(
+        &judged,
         || {
             let shown = shown(newest, circle);
             drawing::whole(title, &[("", shown)], drawing::scale([&shown]))
         },
         || report::page(title, &judged, &tests, args.setup.centre_mm.is_some()),
-        || json_of(&tests, &judged),
+        || (json_of(&tests), None),
         || {
             print(&newest.plan);
             page::figures("um", &judged.figures, None).print();
@@ -167,7 +167,7 @@ fn shown<'a>(test: &'a Test, circle: &'a Circle) -> Shown<'a> {
     }
 }
 
-fn json_of(tests: &[Test], judged: &Judged) -> Map<String, Value> {
+fn json_of(tests: &[Test]) -> Map<String, Value> {
     let each = tests.iter().map(|t| {
         let mut one = as_json(&t.plan, None);
         one["test"] = json!(t.label);
@@ -177,7 +177,6 @@ fn json_of(tests: &[Test], judged: &Judged) -> Map<String, Value> {
     if tests.len() > 1 {
         out.insert("trend".to_owned(), trend::Trend::of(tests).json());
     }
-    judged.put(&mut out);
     out
 }
 

@@ -2,7 +2,7 @@
 
 use super::trend::Trend;
 use super::{Test, shown};
-use crate::acceptance::verdicts::Judged;
+use crate::acceptance::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
 use crate::identify::ballbar::report::{
@@ -101,7 +101,7 @@ pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_state
 fn causes(page: &mut Page, test: &Test) {
     let (a, plane) = (&test.plan.analysis, test.plan.circles.plane);
     page.sheet("Causes by rank");
-    let values = |e: &Estimate| features(a, e).iter().map(value).collect::<Vec<_>>().join("; ");
+    let values = |e: &Estimate| features(a, e).iter().map(value).joined("; ");
     let significant = || a.estimates.iter().filter(|e| e.significant);
     page.bars(significant().map(|e| {
         let percent = 100.0 * e.share;

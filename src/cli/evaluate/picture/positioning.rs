@@ -75,7 +75,7 @@ pub(in crate::evaluate) fn draw_deviations<'a, 'b>(
     shown: &Shown<'_>,
     y: [f64; 2],
     right: u32,
-) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+) -> Drawn<Chart<'a, 'b>> {
     let targets = &shown.result.targets;
     let axes = Axes {
         title: "",

@@ -3,9 +3,7 @@
 pub(crate) mod report;
 
 use crate::arg_parsers::numbers;
-use crate::files::read_model_file;
-use crate::identify::columns;
-use crate::identify::method::{Found, Front, Method};
+use crate::identify::{Found, Front, Method, columns};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use crate::prelude::*;
 use volcomp_config::{Provenance, SourceEntry};

@@ -139,8 +139,8 @@ pub(crate) fn reason_text(reason: &Reason, plane: Plane) -> String {
             "looks like the circle's centre and radius in these data".into()
         }
         Reason::LooksLike(others) => {
-            let names: Vec<String> = others.iter().map(|e| e.name(plane)).collect();
-            format!("confounded with {} in these data", names.join(" and "))
+            let names = others.iter().map(|e| e.name(plane)).joined(" and ");
+            format!("confounded with {names} in these data")
         }
         Reason::NoReversal => {
             "shows at reversals that the path does not have, or between the readings".into()
@@ -228,11 +228,11 @@ pub(crate) fn print(plan: &Plan) {
     let [x, y] = a.offset.map(|(v, std)| with_limits(um(v), um(std)));
     say!("centre offset {x} and {y} µm; residual {:.3} µm RMS", um(a.sigma));
     let rows = a.estimates.iter().enumerate().map(|(i, e)| {
-        let values: Vec<String> = features(a, e).iter().map(value_text).collect();
+        let values = features(a, e).iter().map(value_text).joined(", ");
         let adds = with_limits(um(e.contribution), um(e.contribution_std));
         let mark = if e.significant { "" } else { "not significant" };
         let share = format!("{:.1} %", 100.0 * e.share);
-        [(i + 1).to_string(), name(e.effect), adds, share, values.join(", "), mark.to_owned()]
+        [(i + 1).to_string(), name(e.effect), adds, share, values, mark.to_owned()]
     });
     Table::new([">rank", "effect", ">adds / µm", ">share", "value", ""]).rows(rows).print();
     say!("± expanded uncertainty, k = 2; share: of what all effects add to the circle");

@@ -4,10 +4,7 @@ mod out;
 
 use serde::Deserialize;
 
-use super::case::{CaseArgs, CaseFile};
-use super::columns;
-use super::method::{Found, Front, Method, printed};
-use super::tracker_points::{Frame, PointColumns, TrackerArgs};
+use super::{CaseArgs, CaseFile, Found, Frame, Front, Method, PointColumns, TrackerArgs, columns, printed};
 use crate::model_writer::{ModelWriter, data_error};
 use crate::prelude::*;
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};

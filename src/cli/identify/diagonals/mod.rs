@@ -4,9 +4,7 @@ mod vector;
 
 use serde::Serialize;
 
-use super::case::{CaseArgs, CaseFile};
-use super::method::{Found, Front, Method};
-use crate::files::read_model;
+use crate::identify::{CaseArgs, CaseFile, Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
@@ -259,7 +257,7 @@ fn refusal(path: &Path, missing: &[MissingAngle], has_model: bool) -> Failure {
 }
 
 fn names_of(missing: &[MissingAngle]) -> String {
-    missing.iter().map(|m| m.symbol.to_string()).collect::<Vec<_>>().join(" ")
+    missing.iter().map(|m| m.symbol.to_string()).joined(" ")
 }
 
 /// The intermediate steps about the model with the squareness found and a common scale.

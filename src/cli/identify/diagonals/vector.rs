@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{Args, by_name};
-use crate::identify::case::CaseFile;
-use crate::identify::method::{Found, printed};
+use crate::identify::{CaseFile, Found, printed};
 use crate::prelude::*;
 use volcomp_identify::diagonals::{DiagonalsError, SQUARENESS, Setup};
 use volcomp_model::Chain;

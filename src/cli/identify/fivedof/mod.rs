@@ -8,10 +8,8 @@ use std::collections::BTreeMap;
 
 use self::drift_check::DriftCheck;
 use self::head_file::HeadFile;
-use super::case::{CaseArgs, CaseFile};
-use super::columns::{self, Column, Columns};
-use super::method::{Found, Front, Method, printed};
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
+use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
 use crate::prelude::*;
 use crate::units::column;
 use volcomp_identify::Reading;

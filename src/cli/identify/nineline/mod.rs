@@ -7,10 +7,9 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use self::compare::Comparison;
-use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::columns::{self, Stops};
-use super::method::{Found, Front, Method, printed};
-use super::motion_curves::{CurveArgs, Motions, Origin, Report};
+use super::case::{refused, rows};
+use super::motion_curves::{Origin, Report};
+use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
 use crate::model_writer::{data_error, default_chain};
 use crate::prelude::*;
 use volcomp_identify::Reading;

@@ -2,11 +2,9 @@
 
 use serde::Deserialize;
 
-use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::columns::{self, Stops};
-use super::method::{Found, Front, Method, printed};
-use super::motion_curves::{CurveArgs, Motions, Origin, Report};
-use crate::files::read_model;
+use super::case::{refused, rows};
+use super::motion_curves::{Origin, Report};
+use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
 use crate::model_writer::{data_error, default_chain};
 use crate::prelude::*;
 use volcomp_identify::Reading;

@@ -3,7 +3,7 @@
 
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::Fitted;
-use crate::identify::curve_fits::CurveFits;
+use crate::identify::CurveFits;
 use crate::model_writer::{ModelWriter, axis_entry, default_chain};
 use crate::prelude::*;
 use volcomp_config::model::Provenance;

@@ -5,9 +5,7 @@ mod sign_file;
 
 use self::axis_writer::{AxisWriter, Measured, Origin, means};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
-use super::case::{CaseArgs, CaseFile};
-use super::columns::{self, Column, Columns, RunColumns};
-use super::method::{Found, Front, Method, printed};
+use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, RunColumns, columns, printed};
 use crate::files::continue_text;
 use crate::prelude::*;
 use crate::units::column;
@@ -236,17 +234,16 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
         return Ok(set_up.table);
     }
     if !set_up.table.is_right_handed() {
-        let wrong: Vec<&str> = Channel::ALL[3..]
+        let wrong = Channel::ALL[3..]
             .iter()
             .zip(set_up.table.parity())
             .filter(|(_, p)| *p == Some(false))
             .map(|(c, _)| c.name())
-            .collect();
+            .joined(", ");
         return Err(mistake!(
             path,
-            "[{}] is not a rotation of axes: {} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
-            axis.lower(),
-            wrong.join(", ")
+            "[{}] is not a rotation of axes: {wrong} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
+            axis.lower()
         ));
     }
     note!(

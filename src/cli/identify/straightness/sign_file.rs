@@ -1,6 +1,6 @@
 //! The sign table of a 6D instrument, `volcomp-6d/1` (TOML), and its tilt test (CSV).
 
-use crate::identify::columns::{self, Column, Columns};
+use crate::identify::{Column, Columns, columns};
 use crate::prelude::*;
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,

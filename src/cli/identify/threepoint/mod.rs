@@ -6,10 +6,9 @@ mod report;
 
 use serde::Deserialize;
 
-use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::method::{Found, Front, Method, printed};
-use super::motion_curves::{CurveArgs, Origin};
-use super::tracker_points::{Frame, TrackerArgs};
+use super::case::{refused, rows};
+use super::motion_curves::Origin;
+use crate::identify::{CaseArgs, CaseFile, CurveArgs, Found, Frame, Front, Method, TrackerArgs, printed};
 use crate::model_writer::{data_error, default_chain};
 use crate::prelude::*;
 use volcomp_identify::motion::{MotionRow, to_relative};

@@ -2,7 +2,7 @@
 
 use super::{Args, read};
 use crate::arg_parsers::numbers;
-use crate::identify::method::{Found, printed};
+use crate::identify::{Found, printed};
 use crate::model_writer::default_chain;
 use crate::prelude::*;
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
@@ -144,7 +144,7 @@ fn print(plan: &Plan, request: &PlanRequest, names: &[String], asked: &PlanArgs)
     );
     let wanted =
         angles.iter().zip(request.wanted).filter(|(_, wanted)| *wanted).map(|(name, _)| name.as_str());
-    let wanted = wanted.collect::<Vec<_>>().join(" ");
+    let wanted = wanted.joined(" ");
     match plan.best.map(|i| &plan.rows[i]) {
         Some(row) => {
             let (runs, n) = (runs(row, &request.wanted).unwrap_or(1), row.chosen.len());

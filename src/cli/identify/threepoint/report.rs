@@ -1,8 +1,8 @@
 //! What the n-point method says about an axis.
 
 use super::of_geometry;
-use crate::identify::motion_curves::{Motions, Report};
-use crate::identify::tracker_points::{Frame, Registered};
+use crate::identify::motion_curves::Report;
+use crate::identify::{Frame, Motions, Registered};
 use crate::prelude::*;
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
 use volcomp_model::statistics::SIGNIFICANT;

@@ -136,9 +136,7 @@ fn note_common_data(list: &[Loaded]) {
 }
 
 fn model(path: &Path, absolute: bool) -> Result<Loaded> {
-    let text = input::read_text(path, InputKind::Model)?;
-    let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
-    let file = config::model::parse_file(&path.display().to_string(), &text)?;
+    let (file, hash) = read_hashed_model_file(path)?;
     Ok(Loaded {
         source: Source { name: file_name(path), spec: file.spec, absolute },
         path: path.to_owned(),

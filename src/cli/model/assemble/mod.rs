@@ -5,7 +5,6 @@ mod text_report;
 
 use input::Loaded;
 
-use crate::files::write_model;
 use crate::prelude::*;
 use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::{Assembled, Options, assemble};
@@ -69,8 +68,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let sources: Vec<_> = loaded.iter().map(|l| l.source.clone()).collect();
     let done = assemble(&sources, &options).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     let file = model_file(args, &loaded, &done);
-    let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
-    let comment = format!("Assembled from {} by volcomp model assemble.", names.join(", "));
+    let names = loaded.iter().map(|l| l.source.name.as_str()).joined(", ");
+    let comment = format!("Assembled from {names} by volcomp model assemble.");
     write_model(&args.out, &config::model::write_file(&file, &[comment]))?;
     note!("model written: {}", args.out.display());
     if args.out.as_os_str() == "-" {
@@ -138,8 +137,8 @@ fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbo
     {
         return Ok((index, Some(error_symbol(symbol)?)));
     }
-    let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
-    Err(usage!("--prefer {text}: no such input; inputs are {}", names.join(", ")))
+    let names = loaded.iter().map(|l| l.source.name.as_str()).joined(", ");
+    Err(usage!("--prefer {text}: no such input; inputs are {names}"))
 }
 
 /// The assembled model with where each error came from.

@@ -44,9 +44,9 @@ impl Report<'_> {
     fn origin(&self, o: &Origin) -> String {
         let shares = || {
             let list = o.from.iter().map(|(i, share)| format!("{} {:.0} %", self.name(*i), 100.0 * share));
-            list.collect::<Vec<_>>().join(", ")
+            list.joined(", ")
         };
-        let names = || o.from.iter().map(|(i, _)| self.name(*i)).collect::<Vec<_>>().join(", ");
+        let names = || o.from.iter().map(|(i, _)| self.name(*i)).joined(", ");
         match o.how {
             How::Only => names(),
             How::Same => format!("the same in {}", names()),
@@ -87,8 +87,8 @@ impl Report<'_> {
                 format!("constant {:.2} {}", error_out(d.symbol, d.amount), error_unit(d.symbol))
             }
         };
-        let lost: Vec<String> = d.unstated.iter().map(|s| s.to_string().to_lowercase()).collect();
-        format!("{} {what} in {}, which does not state {}", d.symbol, self.name(d.source), lost.join(", "))
+        let lost = d.unstated.iter().map(|s| s.to_string().to_lowercase()).joined(", ");
+        format!("{} {what} in {}, which does not state {lost}", d.symbol, self.name(d.source))
     }
 
     pub(super) fn as_json(&self) -> Value {

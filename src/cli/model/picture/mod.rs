@@ -32,10 +32,7 @@ pub(super) fn axis(spec: &ModelSpec, name: AxisName) -> Svg {
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(super) fn distorted(
-    spec: &ModelSpec,
-    model: &Model,
-) -> Result<Option<String>, Box<dyn std::error::Error>> {
+pub(super) fn distorted(spec: &ModelSpec, model: &Model) -> Drawn<Option<String>> {
     if !volume::exists(spec) {
         return Ok(None);
     }

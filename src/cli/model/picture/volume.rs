@@ -88,7 +88,7 @@ fn draw_axes(area: &Area<'_>, view: &View, spec: &ModelSpec, edges: &[Edge]) -> 
         words(area, &edge.axis.to_string(), (x - 6, y - 9), 18)?;
     }
     let travels = edges.iter().map(|e| format!("{} {} to {} mm", e.axis, e.range[0], e.range[1]));
-    let travels = travels.collect::<Vec<_>>().join(", ");
+    let travels = travels.joined(", ");
     words(area, &travels, (14, TITLE as i32 + 4), 13)?;
     let elsewhere: Vec<String> = spec
         .chain
