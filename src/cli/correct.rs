@@ -1,7 +1,5 @@
 //! `volcomp correct`: a part program with corrected positions.
 
-use clap::Parser;
-
 use super::quantities::offset_as_is;
 use crate::prelude::*;
 use volcomp_formats::part_program::{Corrected, Request, correct};
@@ -14,7 +12,7 @@ use volcomp_units::axes::MAX_AXES;
 /// (G2, G3, G5), incremental mode (G91), cutter compensation (G41, G42), canned cycles, tool length offsets and
 /// tool-centre-point motion (G43), inches, subprograms, variables, unknown G codes; and positions or corrections beyond travel
 /// or limit.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// The model file.
     #[arg(long, value_name = "FILE")]

@@ -2,8 +2,6 @@
 
 use super::targets;
 use crate::prelude::*;
-use volcomp_config::{Provenance, SourceEntry};
-use volcomp_model::{AxisSpec, Chain};
 
 /// Where the model goes and what it starts from.
 #[derive(Debug, clap::Args)]

@@ -5,12 +5,10 @@
 mod circle;
 mod readings;
 
-use clap::Parser;
-
 use super::additions::Additions;
 use super::files::{Rows, read_hashed_model};
 use super::quantities::offset_as_is;
-use super::table::{self, Table, nearest, other_unit};
+use super::table::{Table, nearest, other_unit};
 use crate::prelude::*;
 use volcomp_model::search::Volume;
 use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Pose};
@@ -18,7 +16,7 @@ use volcomp_units::RAD_PER_DEG;
 use volcomp_units::axes::MAX_AXES;
 
 /// Predict the error of the tool, and the corrections of the axes, at every point of a table; or a measured circle.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 #[command(after_long_help = circle::HELP)]
 pub(super) struct Args {
     /// The model file.

@@ -13,12 +13,15 @@ pub(crate) use crate::numerals::{Joined, counted, figure, hull, micro, plain, si
 pub(crate) use crate::quantities::{
     error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };
-pub(crate) use crate::report::{Page, Table};
+pub(crate) use crate::report::{Cell, Page, Table};
+pub(crate) use crate::table;
 pub(crate) use crate::units::{Units, key, or_dash};
 pub(crate) use crate::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, Result};
-pub(crate) use volcomp_config::{self as config, ModelFile};
+pub(crate) use volcomp_config::{self as config, MachineConfig, ModelFile, Provenance, SourceEntry};
 pub(crate) use volcomp_model::geometry::Vec3;
-pub(crate) use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+pub(crate) use volcomp_model::{
+    AxisSpec, Chain, Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec, Sense, Side,
+};
 pub(crate) use volcomp_units::axes::{AxisKind, AxisName, Travel};
 pub(crate) use volcomp_units::{
     arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm,

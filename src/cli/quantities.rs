@@ -1,7 +1,7 @@
 //! Quantities of models in the units that people and programs read: mm and deg for places, um and arcsec for errors and offsets.
 
 use crate::prelude::*;
-use volcomp_model::{Chain, Pose};
+use volcomp_model::Pose;
 
 /// Unit of an axis offset on the outside.
 pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {

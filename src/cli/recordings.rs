@@ -4,7 +4,6 @@ use core::fmt;
 use std::io::Read;
 
 use crate::prelude::*;
-use volcomp_config::MachineConfig;
 use volcomp_protocol::record::{Item, Meta, Note, Recording, block};
 use volcomp_units::MonoTime;
 

@@ -9,7 +9,6 @@ use std::io::IsTerminal;
 use std::time::Duration;
 
 use crate::prelude::*;
-use volcomp_config::MachineConfig;
 use volcomp_daemon::client::{self, ClientError};
 use volcomp_daemon::{Fault, RealtimeStatus, ShadowAxis, ShadowStatus, Status};
 

@@ -8,7 +8,6 @@ use crate::evaluate::page::{self, Origin};
 use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};
 use crate::prelude::*;
 use crate::report_page::{Plot, Style};
-use crate::table;
 use volcomp_evaluate::reduction::about_end_points;
 use volcomp_evaluate::{Placed, Reduction, Size, Uncertain};
 

@@ -5,7 +5,6 @@ mod head_file;
 pub(crate) mod verdicts;
 
 use crate::prelude::*;
-use crate::report::page::Cell;
 use head_file::Numbers;
 pub(crate) use head_file::{Compensation, HeadFile, Text};
 pub(crate) use verdicts::{Assessed, Judged, NOT_STATED, summary};

@@ -12,7 +12,7 @@ pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{Size, kinds_of};
 use self::text_report::{describe_machine, describe_model, expiry_note, machine_notes, model_as_json};
 use crate::prelude::*;
-use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig};
+use volcomp_config::{ConfigErrors, Diagnostic, FileKind};
 use volcomp_daemon::with_additions;
 use volcomp_effects::extend::Fate;
 use volcomp_estimate::live::{LiveEstimator, LiveModel};

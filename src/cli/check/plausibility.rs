@@ -1,6 +1,6 @@
 //! Notes on settings that are allowed and defeat their purpose; one rule each, where the consequence can be computed.
 
-use volcomp_config::{AxisConfig, MachineConfig};
+use volcomp_config::AxisConfig;
 
 use crate::prelude::*;
 use crate::quantities::offset_as_is;

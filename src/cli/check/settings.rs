@@ -1,7 +1,7 @@
 //! The settings of a machine file that are in force, stated or default.
 
 use crate::prelude::*;
-use volcomp_config::{AxisConfig, MachineConfig, place_of};
+use volcomp_config::{AxisConfig, place_of};
 use volcomp_engine::LimitTime;
 
 /// One setting in the unit of its key.

@@ -5,12 +5,11 @@ use crate::identity;
 use crate::model::gauge;
 use crate::model::report::{axis_words, errors};
 use crate::prelude::*;
+use volcomp_config::Policy;
 use volcomp_config::model::{kind_of, section_of};
-use volcomp_config::{MachineConfig, Policy};
 use volcomp_daemon::models::guard::is_expired;
 use volcomp_estimate::Thermal;
 use volcomp_formats::axis_table::positioning_symbol;
-use volcomp_model::Side;
 use volcomp_model::extremes::Bounds;
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {

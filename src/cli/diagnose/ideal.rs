@@ -8,7 +8,6 @@ use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::Session;
 use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
-use volcomp_model::{AxisSpec, Chain};
 
 /// Machine id of the ideal model.
 const MACHINE: &str = "ideal";

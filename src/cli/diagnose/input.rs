@@ -2,7 +2,7 @@
 
 use super::instruments::{self, InstrumentArgs, Measurement};
 use crate::prelude::*;
-use crate::table::{self, Table};
+use crate::table::Table;
 use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::{Note, Raw, Session, is_encoder};
 use volcomp_formats::detect;

@@ -1,7 +1,6 @@
 //! Logs of the machine, and which of them belong to which session file.
 
 use crate::prelude::*;
-use crate::table;
 use volcomp_diagnose::machine_state::Source;
 use volcomp_diagnose::session::{History, Note, Raw};
 

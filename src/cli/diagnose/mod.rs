@@ -11,8 +11,6 @@ mod text_report;
 use std::fs;
 use std::io::{self, IsTerminal};
 
-use clap::Parser;
-
 use self::ideal::Rotary;
 use self::input::Source;
 use self::logs::Logs;
@@ -39,7 +37,7 @@ use volcomp_effects::prediction::machine_of;
 ///
 /// Without --model the machine is ideal, with the axes of the data; it is written to model.toml in --out, ready for volcomp
 /// model extend.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 #[command(after_help = "Examples:\n  \
     volcomp diagnose test.dat\n  \
     volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \

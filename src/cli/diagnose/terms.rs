@@ -8,7 +8,6 @@ use volcomp_diagnose::report::{Cause, Value, Verdict};
 use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
 use volcomp_effects::{squareness_symbol, unit_of};
-use volcomp_model::Chain;
 
 /// Coverage factor of all uncertainties shown.
 pub(super) const COVERAGE: f64 = 2.0;

@@ -7,7 +7,6 @@ mod text_report;
 
 use super::progress::Steps;
 use crate::prelude::*;
-use crate::report::Cell;
 use volcomp_model::compare::{Comparison, compare};
 
 /// Exit code where the models differ.

@@ -3,7 +3,6 @@
 use super::Diff;
 use crate::prelude::*;
 use crate::quantities::{list, point, pose_json, pose_words, vector};
-use volcomp_config::Provenance;
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 

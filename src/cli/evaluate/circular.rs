@@ -11,7 +11,6 @@ use super::{
 };
 use crate::acceptance::{Acceptance, Assessed, Judged, Stated};
 use crate::prelude::*;
-use crate::table;
 use crate::units::check_size;
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};

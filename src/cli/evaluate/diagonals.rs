@@ -11,7 +11,6 @@ use crate::acceptance::{Acceptance, Assessed, Judged};
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
-use crate::table;
 use crate::units::check_size;
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,

@@ -5,7 +5,6 @@ use super::picture::gear::{self as drawing, Panel};
 use super::{Output, change, percent, show};
 use crate::acceptance::{Acceptance, Judged};
 use crate::prelude::*;
-use crate::table;
 use volcomp_evaluate::gear::{
     CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, flanks, tolerance_um,
 };

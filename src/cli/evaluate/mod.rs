@@ -12,10 +12,7 @@ mod plate;
 mod positioning;
 mod uncertainty_args;
 
-use clap::Parser;
-
 use super::acceptance::{Assessed, HeadArgs, Judged};
-use super::table;
 use crate::acceptance::{Acceptance, Stated};
 use crate::prelude::*;
 use crate::report::plot::Svg;
@@ -26,7 +23,7 @@ use volcomp_evaluate::{Device, Placed, Uncertain};
 ///
 /// Every test takes --before FILE, an earlier test of the same kind, and compares; --html FILE.html writes a page
 /// that needs no other file and prints on A4; --svg FILE.svg the plot alone.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     #[command(subcommand)]
     test: Test,

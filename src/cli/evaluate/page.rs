@@ -4,7 +4,6 @@
 use super::{changed, show};
 use crate::acceptance::{Assessed, Judged, RULE, file_name, sign, summary};
 use crate::prelude::*;
-use crate::report::Cell;
 
 /// Where the data of a report came from.
 pub(crate) struct Origin {

@@ -17,9 +17,7 @@ use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, pr
 use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use super::positioning_data::Cycles;
 use crate::prelude::*;
-use volcomp_config::Provenance;
 use volcomp_identify::curve::{self, Basis, Drift, Period, Request, Reversal, Smoothing};
-use volcomp_model::Sense;
 use volcomp_model::curve::Interpolation;
 
 /// Fit error curves to measured error motions and write them into a model file.

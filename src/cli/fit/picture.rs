@@ -5,7 +5,6 @@ use plotters::prelude::*;
 
 use super::report::{Fitted, note_text, outlier_lines};
 use crate::prelude::*;
-use crate::report::Cell;
 use crate::report::plot::{Area, Axes, BLUE, Drawn, INK, Svg, VERMILLION, svg_of, with_room};
 
 const SIZE: (u32, u32) = (1100, 520);

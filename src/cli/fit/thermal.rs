@@ -1,13 +1,11 @@
 //! `volcomp fit thermal`: a recording of temperatures, speeds and a displacement to a growth of the model file.
 
-use clap::Parser;
 use plotters::prelude::*;
 
 use super::picture::PictureArgs;
 use crate::identify::{Column, Columns, columns};
 use crate::model_writer::{ModelWriter, Sources};
 use crate::prelude::*;
-use crate::report::Cell;
 use crate::report::plot::{self, Axes, Key};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
@@ -19,7 +17,7 @@ use volcomp_model::curve::Live;
 /// the spindle nose, a laser on an axis at rest. Every temperature and every speed enters with several time constants;
 /// the last part of the recording is kept back and forecast, so the figures say what to expect tomorrow, not how well
 /// yesterday can be explained.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 #[command(after_help = "Examples:\n  \
     volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
     volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \

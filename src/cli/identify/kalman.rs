@@ -9,7 +9,6 @@ use volcomp_estimate::filter::COMPONENTS_MAX;
 use volcomp_estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Update, Verdict,
 };
-use volcomp_model::Sense;
 use volcomp_model::curve::{CurveError, Grid};
 
 /// Kalman filter on the node values of a grid of hexahedral cells.

@@ -11,7 +11,6 @@ use crate::prelude::*;
 use crate::units::column;
 use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
-use volcomp_model::Sense;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 
 /// What becomes of the error motions.

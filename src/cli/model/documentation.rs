@@ -6,7 +6,6 @@ use super::report::Report;
 use crate::acceptance::{Acceptance, HeadArgs, NOT_STATED, Stated, file_name, sign};
 use crate::check::Size;
 use crate::prelude::*;
-use volcomp_config::{MachineConfig, Provenance};
 use volcomp_model::curve::Interpolation;
 use volcomp_model::extremes::search;
 use volcomp_model::gauge::normalise;

@@ -1,7 +1,6 @@
 //! The chain as a small text drawing, from the workpiece over the bed to the tool.
 
 use crate::prelude::*;
-use volcomp_model::Side;
 
 /// One station of the drawing, from top to bottom of its column.
 struct Station {

@@ -4,11 +4,9 @@ use super::{drawing, gauge};
 use crate::check::{Size, kinds_of};
 use crate::prelude::*;
 use crate::quantities::{list, point, pose_json, pose_words, vector};
-use volcomp_config::Provenance;
 use volcomp_config::model::FORMAT;
 use volcomp_model::extremes::{Extreme, Found, kept_in_place};
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, Sense, Side};
 
 /// A model with what was found out about it.
 pub(super) struct Report<'a> {

@@ -3,7 +3,6 @@
 mod charts;
 
 use crate::prelude::*;
-use crate::report::Cell;
 use crate::report::chart::{Bar, Ink, bars};
 use crate::report::page::escape;
 use volcomp_diagnose::Diagnosis;

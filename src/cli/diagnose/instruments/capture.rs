@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::prelude::*;
-use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_formats::ReadError;
 use volcomp_formats::edge::{self, Header, Row, Sink};

@@ -4,7 +4,6 @@ use core::f64::consts::PI;
 
 use super::{InstrumentArgs, Measurement, Rows};
 use crate::prelude::*;
-use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_identify::ballbar::{Plane, Sample, cut_overshoot};
 

@@ -3,7 +3,6 @@
 
 use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::prelude::*;
-use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_formats::columns::date_time_s;
 

@@ -3,7 +3,6 @@
 use super::{Measurement, Rows, along};
 use crate::positioning_data::format_failure;
 use crate::prelude::*;
-use crate::table;
 use volcomp_diagnose::session::Times;
 use volcomp_evaluate::PlatePoint;
 use volcomp_formats::hole_plate;

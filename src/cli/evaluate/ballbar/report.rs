@@ -35,11 +35,7 @@ pub(super) fn named(effect: Effect, plane: Plane) -> (String, &'static str) {
 
 /// A value with its expanded uncertainty and the end of travel where it holds.
 fn value(f: &Feature) -> String {
-    let end = match f.name.as_str() {
-        n if n.ends_with("_POS") => "at the positive end ",
-        n if n.ends_with("_NEG") => "at the negative end ",
-        _ => "",
-    };
+    let end = f.end().map_or_else(String::new, |end| format!("at the {end} "));
     format!("{end}{} {}", with_limits(f.value, f.std), unit_of(f))
 }
 

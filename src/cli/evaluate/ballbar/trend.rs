@@ -96,11 +96,7 @@ fn courses_of(tests: &[Test], effect: Effect) -> Vec<Course> {
     names
         .iter()
         .map(|n| {
-            let end = match n.name.as_str() {
-                name if name.ends_with("_POS") => " (positive end)",
-                name if name.ends_with("_NEG") => " (negative end)",
-                _ => "",
-            };
+            let end = n.end().map_or_else(String::new, |end| format!(" ({end})"));
             let name = plane.map_or_else(|| n.name.clone(), |p| named(effect, p).0);
             let find =
                 |fs: &Vec<Feature>| fs.iter().find(|f| f.name == n.name).map(|f| (f.value, Some(f.std)));

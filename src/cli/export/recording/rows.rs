@@ -2,7 +2,6 @@
 
 use super::sensors::Sensors;
 use crate::prelude::*;
-use volcomp_config::MachineConfig;
 use volcomp_engine::fault;
 use volcomp_protocol::record::{Change, Cycle, Entry, Item};
 use volcomp_protocol::{ControlHello, MachineState, Tool};

@@ -6,7 +6,6 @@ use crate::arg_parsers::numbers;
 use crate::identify::{Found, Front, Method, columns};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use crate::prelude::*;
-use volcomp_config::{Provenance, SourceEntry};
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::circular::CircularReading;
 use volcomp_identify::assemble::mirrored_curve;

@@ -15,6 +15,14 @@ pub(crate) struct Feature {
     pub(crate) std: f64,
 }
 
+impl Feature {
+    /// The end of travel where it holds; none of what holds everywhere.
+    pub(crate) fn end(&self) -> Option<&'static str> {
+        let ends = [("_POS", "positive end"), ("_NEG", "negative end")];
+        ends.into_iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, end)| end)
+    }
+}
+
 /// Circularity by ISO 230-4 of the readings and of what no effect explains.
 pub(crate) struct Roundness {
     pub(crate) measured: Option<Circularity>,
@@ -289,12 +297,6 @@ pub(crate) fn unit_of(f: &Feature) -> String {
 
 /// A value with its expanded uncertainty, its unit and the end of travel where it holds.
 fn value_text(f: &Feature) -> String {
-    let end = if f.name.ends_with("_POS") {
-        "positive end "
-    } else if f.name.ends_with("_NEG") {
-        "negative end "
-    } else {
-        ""
-    };
+    let end = f.end().map_or_else(String::new, |end| format!("{end} "));
     format!("{end}{} {}", with_limits(f.value, f.std), unit_of(f))
 }

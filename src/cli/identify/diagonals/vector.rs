@@ -6,7 +6,6 @@ use super::{Args, by_name};
 use crate::identify::{CaseFile, Found, printed};
 use crate::prelude::*;
 use volcomp_identify::diagonals::{DiagonalsError, SQUARENESS, Setup};
-use volcomp_model::Chain;
 use volcomp_model::curve::{Interpolation, Table};
 
 #[derive(serde::Deserialize)]

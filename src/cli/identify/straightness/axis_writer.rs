@@ -6,14 +6,13 @@ use crate::fit::report::Fitted;
 use crate::identify::CurveFits;
 use crate::model_writer::{ModelWriter, axis_entry, default_chain};
 use crate::prelude::*;
-use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
 use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::reading::group_by_position;
 use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
 use volcomp_identify::straightness::{Line, Rule};
+use volcomp_model::ReferencePoint;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{ReferencePoint, Sense};
 
 /// How a run becomes curves of a model.
 #[derive(Debug, clap::Args)]

@@ -4,10 +4,8 @@ use super::Args;
 use crate::acceptance::file_name;
 use crate::fit::input::{BySymbol, Direction, Format, read};
 use crate::prelude::*;
-use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::Source;
 use volcomp_identify::curve::{self, Request};
-use volcomp_model::AxisSpec;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 
 /// One input.

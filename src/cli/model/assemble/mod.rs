@@ -6,9 +6,7 @@ mod text_report;
 use input::Loaded;
 
 use crate::prelude::*;
-use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::{Assembled, Options, assemble};
-use volcomp_model::AxisSpec;
 
 /// Put several measurements together: one model, one datum and reference-line convention, overlaps tested, sources kept
 ///
