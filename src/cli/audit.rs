@@ -7,15 +7,9 @@ use volcomp_daemon::audit::{AUDIT_FILE, Broken, Line, Summary, head_path, verify
 /// Where the daemon of the shipped unit keeps it.
 const DEFAULT_FILE: &str = "/var/lib/volcomp/audit.jsonl";
 
-/// Read the audit log of volcompd: who did what, when, why, and with which model.
-#[derive(Debug, clap::Parser)]
-pub(super) struct Args {
-    #[command(subcommand)]
-    verb: Verb,
-}
-
 subcommands! {
-    enum Verb {
+    /// Read the audit log of volcompd: who did what, when, why, and with which model.
+    pub(super) enum Verb {
         /// Checks that no line was changed, taken out, put in or cut off; exit code 65 names the line.
         Verify(VerifyArgs) => verify,
         /// Shows the log.
@@ -34,7 +28,7 @@ struct WhichLog {
 }
 
 #[derive(Debug, clap::Args)]
-struct VerifyArgs {
+pub(super) struct VerifyArgs {
     #[command(flatten)]
     which: WhichLog,
     /// A log without the file audit.head beside it is accepted, though lines cut off at its end cannot be seen then.
@@ -46,7 +40,7 @@ struct VerifyArgs {
 }
 
 #[derive(Debug, clap::Args)]
-struct ShowArgs {
+pub(super) struct ShowArgs {
     #[command(flatten)]
     which: WhichLog,
     /// Only the last lines.
@@ -55,10 +49,6 @@ struct ShowArgs {
     /// Print the lines as they are, one JSON object each.
     #[arg(long)]
     json: bool,
-}
-
-pub(super) fn run(args: &Args) -> Result<()> {
-    args.verb.run()
 }
 
 /// The log that is meant.

@@ -50,13 +50,8 @@ fn find(text: &str) -> Result<&'static Entry> {
 }
 
 fn as_json(e: &Entry) -> serde_json::Value {
-    json!({
-        "code": e.code.to_string(),
-        "name": e.name,
-        "severity": e.severity.name(),
-        "text": e.text,
-        "cause": e.cause,
-        "reaction": e.reaction,
-        "remedy": e.remedy,
-    })
+    let mut json = fields!(e; name, text, cause, reaction, remedy);
+    json["code"] = e.code.to_string().into();
+    json["severity"] = e.severity.name().into();
+    json
 }

@@ -7,15 +7,15 @@ use volcomp_daemon::socket::{Answer, Ask, SentModel, Verb};
 
 /// What every order has.
 #[derive(Debug, clap::Args)]
-struct Common {
+pub(super) struct Common {
     #[command(flatten)]
-    which: Which,
+    pub(super) which: Which,
     /// Why, for the audit log; at most 1 KiB.
     #[arg(long, value_name = "TEXT", value_parser = super::arg_parsers::reason)]
-    reason: Option<String>,
+    pub(super) reason: Option<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Switch compensation on: it is ramped in as soon as the machine is ready; prints the state that follows.

@@ -76,14 +76,11 @@ pub(super) fn instrument_test(
     unit: Option<DeviationUnit>,
 ) -> Result<Option<Test>> {
     let fail = |e: FormatError| format_failure(file, &e);
-    match detect::format(bytes) {
-        Some(detect::Format::Iso230Dat) => {
-            let decoded = text::decode(bytes);
-            Ok(Some(Test::new(parse_dat(file, &decoded.text)?, "ISO 230-2 test (.dat)")))
-        }
+    let decoded = || text::decode(bytes).text;
+    let found = match detect::format(bytes) {
+        Some(detect::Format::Iso230Dat) => Test::new(parse_dat(file, &decoded())?, "ISO 230-2 test (.dat)"),
         Some(detect::Format::Rtl) => {
-            let decoded = text::decode(bytes);
-            let (rtl, mut notes) = rtl::parse(&decoded.text).map_err(fail)?;
+            let (rtl, mut notes) = rtl::parse(&decoded()).map_err(fail)?;
             let named = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
             let rotary = axis.or(named).filter(|a| a.kind() == AxisKind::Rotary);
             if let (Some(axis), None) = (rotary, unit) {
@@ -103,23 +100,18 @@ pub(super) fn instrument_test(
                     start.start, start.end, length.start
                 ));
             }
-            Ok(Some(Test {
-                axis: named,
-                notes,
-                span_s: rtl.duration_s(),
-                stated: stated(&rtl),
-                ..Test::new(test, "Renishaw laser test (.rtl)")
-            }))
+            let (span_s, stated) = (rtl.duration_s(), stated(&rtl));
+            Test { axis: named, notes, span_s, stated, ..Test::new(test, "Renishaw laser test (.rtl)") }
         }
         Some(detect::Format::ApiPos) => {
-            let decoded = text::decode(bytes);
-            let means = api_pos::parse(&decoded.text).map_err(fail)?;
+            let means = api_pos::parse(&decoded()).map_err(fail)?;
             let notes =
                 vec!["the file holds means: repeatability and drift cannot be judged from it".to_owned()];
-            Ok(Some(Test { notes, ..Test::new(means.test, "API laser test (.pos)") }))
+            Test { notes, ..Test::new(means.test, "API laser test (.pos)") }
         }
-        _ => Ok(None),
-    }
+        _ => return Ok(None),
+    };
+    Ok(Some(found))
 }
 
 /// What a laser test states beside its readings.

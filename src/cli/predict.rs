@@ -81,29 +81,19 @@ pub(super) fn run(args: &Args) -> Result<()> {
     rows.finish()
 }
 
-/// A column of the motion of an axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum MotionColumn {
-    Velocity,
-    Acceleration,
-    Since,
-    SinceTime,
-}
+/// What a column of the motion of an axis sets.
+type SetMotion = fn(&mut AxisMotion, f64);
 
-impl MotionColumn {
-    const ALL: [Self; 4] = [Self::Velocity, Self::Acceleration, Self::Since, Self::SinceTime];
-
-    /// Its name, and the unit inside of one of the file's.
-    fn of(self, name: AxisName) -> (String, f64) {
-        let (axis, length) = (name.lower(), position_unit(name));
-        let unit = if name.kind() == AxisKind::Linear { 1.0 } else { RAD_PER_DEG };
-        match self {
-            Self::Velocity => (format!("v{axis}_{length}_per_s"), unit),
-            Self::Acceleration => (format!("a{axis}_{length}_per_s2"), unit),
-            Self::Since => (format!("since_reversal_{axis}_{length}"), unit),
-            Self::SinceTime => (format!("since_reversal_{axis}_s"), 1.0),
-        }
-    }
+/// Columns of the motion of an axis: name, unit inside of one of the file's, and what each sets.
+fn motion_columns(name: AxisName) -> [(String, f64, SetMotion); 4] {
+    let (axis, length) = (name.lower(), position_unit(name));
+    let unit = if name.kind() == AxisKind::Linear { 1.0 } else { RAD_PER_DEG };
+    [
+        (format!("v{axis}_{length}_per_s"), unit, |m, v| m.velocity = v),
+        (format!("a{axis}_{length}_per_s2"), unit, |m, v| m.acceleration = v),
+        (format!("since_reversal_{axis}_{length}"), unit, |m, v| m.since = v),
+        (format!("since_reversal_{axis}_s"), 1.0, |m, v| m.since_s = v),
+    ]
 }
 
 /// Which column of the input means what, and which axes are corrected.
@@ -114,7 +104,7 @@ struct Columns {
     /// Column, index in the chain.
     directions: Vec<(usize, usize)>,
     /// Column, index in the chain, what of the motion, unit in mm or rad; only where the model has dynamic terms.
-    motion: Vec<(usize, usize, MotionColumn, f64)>,
+    motion: Vec<(usize, usize, SetMotion, f64)>,
     /// Column, component.
     tool: Vec<(usize, usize)>,
     tool_length: Option<usize>,
@@ -211,12 +201,9 @@ impl Columns {
             return false;
         }
         for (k, name) in self.names.iter().enumerate() {
-            for kind in MotionColumn::ALL {
-                let (wanted, unit) = kind.of(*name);
-                if column == wanted {
-                    self.motion.push((i, k, kind, unit));
-                    return true;
-                }
+            if let Some((_, unit, set)) = motion_columns(*name).into_iter().find(|(n, ..)| n == column) {
+                self.motion.push((i, k, set, unit));
+                return true;
             }
         }
         false
@@ -225,14 +212,8 @@ impl Columns {
     /// The signals of the dynamic terms at a row; of what has no column, those of an axis at rest after long travel.
     fn signals(&self, table: &Table, model: &Model, pose: &Pose) -> Result<[f64; DYNAMIC_MAX]> {
         let mut motions = pose.travel.map(AxisMotion::after);
-        for (column, k, kind, unit) in &self.motion {
-            let value = table.number(*column)? * unit;
-            match kind {
-                MotionColumn::Velocity => motions[*k].velocity = value,
-                MotionColumn::Acceleration => motions[*k].acceleration = value,
-                MotionColumn::Since => motions[*k].since = value,
-                MotionColumn::SinceTime => motions[*k].since_s = value,
-            }
+        for (column, k, set, unit) in &self.motion {
+            set(&mut motions[*k], table.number(*column)? * unit);
         }
         let mut out = [0.0; DYNAMIC_MAX];
         for (signal, d) in out.iter_mut().zip(model.dynamics()) {

@@ -32,7 +32,7 @@ enum CentringArg {
 /// `cncsim measure ballbar` are read as they are: what a run travels beyond one turn is overshoot and is cut, half at
 /// either end; a file with several feeds needs --feed-mm-per-min.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), optional feed_mm_per_min and run; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,

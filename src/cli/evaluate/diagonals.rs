@@ -20,7 +20,7 @@ use volcomp_evaluate::{
 ///
 /// The diagonals are named by the signs with which X, Y and Z move: ppp npp pnp ppn.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with diagonal (ppp npp pnp ppn),cycle,direction,target_mm,deviation_um; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,

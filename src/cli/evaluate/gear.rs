@@ -15,7 +15,7 @@ use volcomp_evaluate::gear::{
 /// lengths from the base circle (profile) or distances from the datum face (lead). Readings of several passes at one
 /// position are averaged; every tooth is evaluated by itself; the figures are means over the teeth, slopes with their sign.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with direction (profile or lead), flank (left or right), tooth, position_mm, deviation_um and optional pass; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,

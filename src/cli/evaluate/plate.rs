@@ -20,7 +20,7 @@ use volcomp_model::statistics::normal_two_sided;
 /// that a machine drilled, measured on a CMM: what a plate drilled by the machine shows is the machine's error itself.
 /// Squareness is EC0Y of the plane: above zero the angle from X to Y is above 90 deg.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with nominal_x_mm,nominal_y_mm and measured_x_mm,measured_y_mm or deviation_x_um,deviation_y_um; or the table
     /// of a CMM (Meas X, Meas Y, Nom X, Nom Y, ..); - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]

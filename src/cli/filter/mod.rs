@@ -4,6 +4,7 @@ mod picture;
 
 use std::fmt::Write as _;
 
+use super::operator_commands::Common;
 use super::recordings;
 use super::status::{Which, failure, json, socket};
 use crate::prelude::*;
@@ -12,19 +13,13 @@ use volcomp_daemon::socket::{Ask, Verb};
 use volcomp_daemon::{FilterStatus, MapStatus, SensorStatus, ThermalDisplacementStatus};
 use volcomp_units::NS_PER_S;
 
-/// Live estimation: what was learned from sensors, with its uncertainty.
-#[derive(Debug, clap::Parser)]
-#[command(after_help = "Examples:\n  volcomp filter show --config machine.toml\n  \
-                        volcomp filter show --json > filter.json\n  volcomp filter show --svg filter.svg\n  \
-                        volcomp filter show --recording run.vcrec --svg run.svg\n  \
-                        volcomp filter forget ram --reason \"tracker was set up anew\"")]
-pub(super) struct Args {
-    #[command(subcommand)]
-    what: What,
-}
-
 subcommands! {
-    enum What {
+    /// Live estimation: what was learned from sensors, with its uncertainty.
+    #[command(after_help = "Examples:\n  volcomp filter show --config machine.toml\n  \
+                            volcomp filter show --json > filter.json\n  volcomp filter show --svg filter.svg\n  \
+                            volcomp filter show --recording run.vcrec --svg run.svg\n  \
+                            volcomp filter forget ram --reason \"tracker was set up anew\"")]
+    pub(super) enum What {
         /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
         Show(ShowArgs) => show,
         /// Begin a map anew from the offline map; its sensors are initialised again.
@@ -33,7 +28,7 @@ subcommands! {
 }
 
 #[derive(Debug, clap::Args)]
-struct ShowArgs {
+pub(super) struct ShowArgs {
     #[command(flatten)]
     which: Which,
     /// What a recording says, at its end, instead of a running daemon; the picture shows how it went, too.
@@ -48,32 +43,22 @@ struct ShowArgs {
 }
 
 #[derive(Debug, clap::Args)]
-struct ForgetArgs {
-    #[command(flatten)]
-    which: Which,
+pub(super) struct ForgetArgs {
     /// The map.
     #[arg(value_name = "MAP")]
     map: String,
-    /// Why, for the audit log; at most 1 KiB.
-    #[arg(long, value_name = "TEXT", value_parser = super::arg_parsers::reason)]
-    reason: Option<String>,
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
-pub(super) fn run(args: &Args) -> Result<()> {
-    args.what.run()
-}
-
-fn forget(args: &ForgetArgs) -> Result<()> {
-    let (map, reason) = (Some(args.map.clone()), args.reason.clone());
-    let ask = Ask { command: Verb::Forget, map, reason, ..Ask::default() };
-    let answer = client::ask(&socket(&args.which)?, &ask).map_err(|e| failure(&e))?;
-    if args.json {
+fn forget(ForgetArgs { map, common }: &ForgetArgs) -> Result<()> {
+    let reason = common.reason.clone();
+    let ask = Ask { command: Verb::Forget, map: Some(map.clone()), reason, ..Ask::default() };
+    let answer = client::ask(&socket(&common.which)?, &ask).map_err(|e| failure(&e))?;
+    if common.json {
         say!("{}", json(&answer)?);
     } else {
-        say!("map {} restarts from the offline map", args.map);
+        say!("map {map} restarts from the offline map");
     }
     Ok(())
 }

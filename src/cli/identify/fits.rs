@@ -23,7 +23,7 @@ use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, hi
 ///
 ///   volcomp identify fits --data load.csv --x load --y deflection --basis polynomial --order 2
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// A table with named columns.
@@ -288,16 +288,7 @@ fn orders(readings: &[Reading], request: &Request) -> Result<(Value, usize), Str
 }
 
 fn figures(f: &Figures) -> Value {
-    json!({
-        "sse": f.sse,
-        "rmse_n": f.rmse_n,
-        "rmse_dof": f.rmse_dof,
-        "r2": f.r2,
-        "e_max": f.e_max,
-        "aicc": f.aicc,
-        "n": f.n,
-        "m": f.m,
-    })
+    fields!(f; sse, rmse_n, rmse_dof, r2, e_max, aicc, n, m)
 }
 
 /// The result for people.

@@ -31,7 +31,7 @@ use volcomp_units::axes::MAX_AXES;
 ///
 /// volcomp identify grinder --drawing drawing.toml --step a=a.csv --next b=poses-b.csv --out model.toml
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// The machine as a model file, which stays as it is; its errors of axes that are not measured are taken as known.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["into", "chain"])]
     drawing: Option<PathBuf>,

@@ -23,7 +23,7 @@ use volcomp_model::curve::{CurveError, Grid};
 ///   volcomp identify kalman --data ram.csv --axes y,z,x --first 0,400,800 --second 0,300 --third 0,250 --sigma 2.5
 ///   --correlation-mm 500 --noise 0.8 --adaptive --into model.toml --out model-new.toml
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Measurements as a table.

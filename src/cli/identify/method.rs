@@ -65,7 +65,7 @@ pub(super) fn printed<'a>(json: Value, print: impl Fn() + 'a) -> Box<dyn Found +
 }
 
 /// Reads, solves, writes, and prints last: a failure leaves nothing on stdout.
-pub(super) fn run(method: &dyn Method) -> Result<()> {
+pub(super) fn run(method: &impl core::ops::Deref<Target: Method>) -> Result<()> {
     let Front { file, json, model, writes_more, case_writes } = method.front();
     let writes = writes_more || model.is_some_and(|m| m.target().is_some());
     let found = match file {

@@ -21,7 +21,7 @@ use volcomp_identify::probe::{Arm, Calibration, Circle, Contact, Note, Request, 
 ///
 /// Example: volcomp identify probe --data contacts.csv --arm-mm 173.7135 --arm-zero-deg=-39.025 --bar-radius-mm 15
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Contacts; - is stdin.

@@ -17,7 +17,7 @@ use volcomp_model::gauge::normalise;
 ///
 /// Example: volcomp model report model.toml --config machine.toml --head head.toml --validation x.json --html model.html
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model file (volcomp-model/1)
     #[arg(value_name = "MODEL")]
     file: PathBuf,

@@ -18,7 +18,7 @@ use volcomp_effects::extend::{Fate, extend};
 ///
 ///   volcomp model extend --model model.toml --add diagnosis/addition.toml --out better.toml
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// The model with which the effects were found (volcomp-model/1)
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,

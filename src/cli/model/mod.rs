@@ -14,15 +14,9 @@ mod show;
 
 use crate::prelude::*;
 
-/// Show what is in a model file, document it, write its normal form, put measurements together, or add what a diagnosis has found
-#[derive(Debug, clap::Parser)]
-pub(super) struct Args {
-    #[command(subcommand)]
-    verb: Verb,
-}
-
 subcommands! {
-    enum Verb {
+    /// Show what is in a model file, document it, write its normal form, put measurements together, or add what a diagnosis has found
+    pub(super) enum Verb {
         Show(show::Args) => show::run,
         Report(documentation::Args) => documentation::run,
         Assemble(Box<assemble::Args>) => assemble::run,
@@ -30,10 +24,6 @@ subcommands! {
         #[command(alias = "normalize")]
         Normalise(normalise::Args) => normalise::run,
     }
-}
-
-pub(super) fn run(args: &Args) -> Result<()> {
-    args.verb.run()
 }
 
 /// Reads a model file with its provenance.

@@ -8,7 +8,7 @@ use volcomp_model::normalise;
 /// Constants of error motions and slopes of straightnesses go to squareness and location errors; what these cannot
 /// hold is a rigid motion of the workpiece, which is printed. Running it again changes nothing.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model file (volcomp-model/1)
     #[arg(value_name = "IN.toml")]
     file: PathBuf,

@@ -309,17 +309,8 @@ fn origin_words(p: &Provenance) -> String {
 }
 
 fn provenance_json(p: &Provenance) -> Value {
-    json!({
-        "instrument": p.instrument,
-        "date": p.date,
-        "operator": p.operator,
-        "temperature_degc": p.temperature_degc,
-        "expiry": p.expiry,
-        "source": p.source,
-        "source_hash": p.source_hash,
-        "sources": p.sources.iter().map(|s| json!({
-            "source": s.source, "source_hash": s.source_hash, "instrument": s.instrument, "date": s.date,
-        })).collect::<Vec<_>>(),
-        "note": p.note,
-    })
+    let mut json =
+        fields!(p; instrument, date, operator, temperature_degc, expiry, source, source_hash, note);
+    json["sources"] = p.sources.iter().map(|s| fields!(s; source, source_hash, instrument, date)).collect();
+    json
 }

@@ -8,7 +8,7 @@ use volcomp_model::extremes::search;
 
 /// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model file (volcomp-model/1)
     #[arg(value_name = "MODEL")]
     file: PathBuf,

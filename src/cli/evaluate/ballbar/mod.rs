@@ -21,7 +21,7 @@ use volcomp_identify::ballbar::Plane;
 ///
 /// Example: volcomp evaluate ballbar --data 2026-01-12=january.csv --data 2026-03-12=march.csv --radius-mm 150 --html xy.html
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with angle_deg,deviation_um,direction and optional feed_mm_per_min, run, as for volcomp identify ballbar; may be
     /// repeated for a trend, then all with their day, such as 2026-03-12=xy.csv, or in the order of the tests.
     #[arg(long, value_name = "[DAY=]CSV", required_unless_present = "file", value_parser = dated)]

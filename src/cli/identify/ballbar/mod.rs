@@ -32,7 +32,7 @@ use volcomp_model::SENSORS_MAX;
 ///
 /// Example: volcomp identify ballbar --data xy=xy.csv --data zx=zx.csv --radius-mm 150 --centre-mm=425,250,-250
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Readings of a plane (xy, yz or zx) in one mounting of the instrument; once per plane.
     #[arg(long, value_name = "PLANE=CSV", required_unless_present = "files", value_parser = plane_file)]
     data: Vec<(Plane, PathBuf)>,

@@ -16,7 +16,7 @@ use volcomp_model::statistics::SIGNIFICANT;
 /// closer to the tip. The line through both centres is the tool axis.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// The points: CSV with circle (1 farther from the tip, 2 nearer) and x_mm, y_mm, z_mm (or range, azimuth,

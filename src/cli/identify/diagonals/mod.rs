@@ -18,7 +18,7 @@ use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper, student_
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings along the diagonals; - is stdin.

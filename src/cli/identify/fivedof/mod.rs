@@ -20,7 +20,7 @@ use volcomp_identify::straightness::{Line, Rule};
 /// Straightness, roll, pitch and yaw of one axis from a 5-DOF laser with drift compensation.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings along the axis; - is stdin.

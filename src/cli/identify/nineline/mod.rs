@@ -24,7 +24,7 @@ use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
 /// lines, one straightness on two of them, the other on one. More lines and readings are welcome: then the fit is tested.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings; once per file, as one line is usually measured after the other.

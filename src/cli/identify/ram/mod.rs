@@ -18,7 +18,7 @@ use volcomp_model::statistics::SIGNIFICANT;
 /// example by two circles. The head's own errors are taken off by a model of the head.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// The poses; once per file.

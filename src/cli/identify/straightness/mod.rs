@@ -16,7 +16,7 @@ use volcomp_identify::straightness::{Line, Rule, levers};
 /// Straightness and angles of one axis from a 6D interferometer, about three reference lines.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings along the axis; - is stdin.

@@ -24,7 +24,7 @@ use volcomp_model::geometry::Mat3;
 /// point. The points move like a rigid body: from three that are not on a line follow displacement and rotation.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// The measured positions; once per file. - is stdin.
@@ -227,14 +227,9 @@ fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>> {
 
 fn of_geometry(g: &Geometry) -> Value {
     // infinite numbers become null
-    json!({
-        "rank": g.rank,
-        "rms_radius": g.rms_radius,
-        "singular_values_scaled": g.singular_values,
-        "condition_scaled": g.condition_scaled,
-        "condition_centroid": g.condition_centroid,
-        "roll_growth": g.roll_growth,
-    })
+    let mut json = fields!(g; rank, rms_radius, condition_scaled, condition_centroid, roll_growth);
+    json["singular_values_scaled"] = json!(g.singular_values);
+    json
 }
 
 fn json_of(pose: &PoseErrors) -> Value {

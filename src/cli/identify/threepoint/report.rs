@@ -184,15 +184,10 @@ pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
 /// Distances for machines, mm.
 pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value {
     let side = |s: &Side| {
-        json!({
-            "from": names[s.from],
-            "to": names[s.to],
-            "poses": s.poses,
-            "mean": s.mean,
-            "std": s.std,
-            "std_sample": s.std_sample,
-            "peak_to_peak": s.peak_to_peak,
-        })
+        let mut side = fields!(s; poses, mean, std, std_sample, peak_to_peak);
+        side["from"] = json!(names[s.from]);
+        side["to"] = json!(names[s.to]);
+        side
     };
     json!({
         "poses": poses,

@@ -18,7 +18,7 @@ use volcomp_identify::assemble::{Assembled, Options, assemble};
 ///
 ///   volcomp model assemble x-laser.toml y-laser.toml square.toml --motion z=z-axis.csv --out machine.toml
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model files (volcomp-model/1) to put together; the first says chain, frame and axes
     #[arg(value_name = "MODEL")]
     models: Vec<PathBuf>,
