@@ -99,7 +99,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         );
     }
     if args.json {
-        say!("{:#}", Value::Object(as_json(&model, &corrected)));
+        say!("{:#}", as_json(&model, &corrected));
     } else if args.out.as_os_str() != "-" {
         print(args, &model, &corrected);
     }
@@ -112,22 +112,18 @@ fn largest(model: &Model, corrected: &Corrected) -> Vec<(AxisName, &'static str,
     model.axes().map(|a| a.name).zip(&corrected.largest).map(of).collect()
 }
 
-fn as_json(model: &Model, corrected: &Corrected) -> Map<String, Value> {
-    let mut out = Map::from_iter([
-        ("blocks".to_owned(), json!(corrected.blocks)),
-        ("blocks_out".to_owned(), json!(corrected.blocks_out)),
-        ("rest_line".to_owned(), json!(corrected.rest_line)),
-    ]);
+fn as_json(model: &Model, corrected: &Corrected) -> Value {
+    let mut out = fields!(corrected; blocks, blocks_out, rest_line);
     let held = model.axes().map(|a| a.name).zip(corrected.held).filter_map(|(axis, held)| {
         let (blocks, line) = held?;
         Some(json!({"axis": axis.lower().to_string(), "blocks": blocks, "line": line}))
     });
-    out.insert("held".to_owned(), held.collect());
+    out["held"] = held.collect();
     for (axis, unit, value) in largest(model, corrected) {
-        out.insert(format!("largest_{}_{unit}", axis.lower()), json!(value));
+        out[format!("largest_{}_{unit}", axis.lower())] = json!(value);
     }
     for (direction, rest) in ["x", "y", "z"].into_iter().zip(corrected.rest.iter()) {
-        out.insert(format!("rest_{direction}_um"), json!(um_from_mm(*rest)));
+        out[format!("rest_{direction}_um")] = json!(um_from_mm(*rest));
     }
     out
 }

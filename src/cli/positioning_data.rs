@@ -13,7 +13,6 @@ use volcomp_formats::iso230_dat;
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
-use volcomp_identify::Reading;
 
 /// How the data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

@@ -1,5 +1,6 @@
 //! The vocabulary of the command line: what most of its files speak of, so that each names only what is its own.
 
+pub(crate) use std::collections::{BTreeMap, BTreeSet};
 pub(crate) use std::path::{Path, PathBuf};
 
 pub(crate) use serde_json::{Map, Value, json};
@@ -18,7 +19,9 @@ pub(crate) use crate::table;
 pub(crate) use crate::units::{Units, key, or_dash};
 pub(crate) use crate::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, Result};
 pub(crate) use volcomp_config::{self as config, MachineConfig, ModelFile, Provenance, SourceEntry};
+pub(crate) use volcomp_identify::Reading;
 pub(crate) use volcomp_model::geometry::Vec3;
+pub(crate) use volcomp_model::statistics::SIGNIFICANT;
 pub(crate) use volcomp_model::{
     AxisSpec, Chain, Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec, Sense, Side,
 };

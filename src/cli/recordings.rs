@@ -76,22 +76,19 @@ pub(super) struct Missing {
 
 impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.records {
-            Some(1) => write!(f, "1 record")?,
-            Some(records) => write!(f, "{records} records")?,
-            None => write!(f, "an unknown number of records")?,
-        }
-        match self.before {
-            Some(before) => write!(f, " before record {before}")?,
-            None => write!(f, " at the end")?,
-        }
-        write!(f, " of {}", self.file)?;
-        match (self.from_s, self.to_s) {
-            (Some(from), Some(to)) => write!(f, ", from {from:.3} s to {to:.3} s"),
-            (Some(from), None) => write!(f, ", from {from:.3} s on"),
-            (None, Some(to)) => write!(f, ", up to {to:.3} s"),
-            (None, None) => Ok(()),
-        }
+        let records = match self.records {
+            Some(1) => "1 record".to_owned(),
+            Some(records) => format!("{records} records"),
+            None => "an unknown number of records".to_owned(),
+        };
+        let place = self.before.map_or("at the end".to_owned(), |before| format!("before record {before}"));
+        let times = match (self.from_s, self.to_s) {
+            (Some(from), Some(to)) => format!(", from {from:.3} s to {to:.3} s"),
+            (Some(from), None) => format!(", from {from:.3} s on"),
+            (None, Some(to)) => format!(", up to {to:.3} s"),
+            (None, None) => String::new(),
+        };
+        write!(f, "{records} {place} of {}{times}", self.file)
     }
 }
 

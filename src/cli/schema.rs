@@ -1,7 +1,5 @@
 //! `volcomp schema`: JSON Schema of machine, model and session files, made from the key table that reads them.
 
-use std::collections::BTreeMap;
-
 use crate::prelude::*;
 use volcomp_config::{Allowed, Key, Shape, machine, model};
 

@@ -3,7 +3,6 @@
 mod paint;
 mod recent;
 
-use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::time::Duration;

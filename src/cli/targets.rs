@@ -4,7 +4,6 @@
 //! compound value names, at the moment of writing.
 
 use crate::prelude::*;
-use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::sync::{Mutex, PoisonError};

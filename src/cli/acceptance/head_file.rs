@@ -1,7 +1,6 @@
 //! The head of a report as a file in TOML (`docs/how-to/reports.md`); every key is optional.
 
 use crate::prelude::*;
-use std::collections::BTreeMap;
 
 use serde::Deserialize;
 

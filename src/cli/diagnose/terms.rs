@@ -1,7 +1,5 @@
 //! Names, values and sentences of the diagnosis as a metrologist reads them, for the page and for the text on stdout.
 
-use std::collections::BTreeMap;
-
 use crate::prelude::*;
 use volcomp_diagnose::library::{Effect, Kind};
 use volcomp_diagnose::report::{Cause, Value, Verdict};

@@ -1,7 +1,5 @@
 //! Text of `diagnose` on stdout: the summary, the effects, what a plan can detect.
 
-use std::collections::BTreeMap;
-
 use crate::exit;
 use crate::prelude::*;
 use volcomp_diagnose::Diagnosis;

@@ -1,12 +1,9 @@
 //! The curves that differ: what the first and what the second model says, in relative sense.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use super::Diff;
 use crate::prelude::*;
-use crate::report::plot::{
-    Area, Axes, BLUE, Drawn, GREY, Key, SHEET_WIDTH, Svg, legend, svg_of, with_room, words,
-};
 use volcomp_model::compare::{ErrorDifference, relative_values};
 
 const COLUMNS: usize = 2;

@@ -2,10 +2,9 @@
 
 use core::ops::Range;
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use crate::numerals::hull;
-use crate::report::plot::{Area, BLUE, Chart, Drawn, INK, Key, Svg, VERMILLION, legend, svg_of};
 use volcomp_daemon::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
 
 const PANEL: (u32, u32) = (900, 280);

@@ -1,6 +1,5 @@
 //! What `volcomp fit` reads: motion tables and positioning tests, turned into readings per error symbol.
 
-use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read};
 
 use crate::identify::Columns;
@@ -10,7 +9,6 @@ use crate::prelude::*;
 use crate::table::{STDIN, Table};
 use crate::units;
 use volcomp_formats::positioning_test::PositioningTest;
-use volcomp_identify::Reading;
 use volcomp_identify::start_up::{StartUpOutlier, start_up_outliers};
 
 /// How a data file is written.

@@ -1,7 +1,5 @@
 //! Checks of the positions and of repeated files before anything is fitted.
 
-use std::collections::BTreeSet;
-
 use super::Result;
 use super::input::{BySymbol, Measured};
 use super::report::Fitted;

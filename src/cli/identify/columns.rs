@@ -5,7 +5,6 @@ use std::collections::HashMap;
 use crate::positioning_data::no_rows;
 use crate::prelude::*;
 use crate::table::{Table, nearest, other_unit};
-use volcomp_identify::Reading;
 
 /// A column and what brings its numbers into mm or rad.
 #[derive(Debug, Clone, Copy)]

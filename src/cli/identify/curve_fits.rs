@@ -4,7 +4,6 @@ use crate::fit::basis::Auto;
 use crate::fit::report::{Fitted, print_notes, table};
 use crate::model_writer::{ModelWriter, Sources, data_error, put};
 use crate::prelude::*;
-use volcomp_identify::Reading;
 use volcomp_identify::curve::{self, Basis, CurveFit, Request};
 
 /// Curves of a model, and what they were fitted to.

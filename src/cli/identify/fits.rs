@@ -6,7 +6,6 @@ use serde::Deserialize;
 use crate::fit::AutoOr;
 use crate::identify::{CaseArgs, CaseFile, Found, Front, Method, printed};
 use crate::prelude::*;
-use volcomp_identify::Reading;
 use volcomp_identify::curve::monomial::polynomial;
 use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
 

@@ -8,7 +8,6 @@ use volcomp_identify::grinder::{
     Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
 };
 use volcomp_model::Pose;
-use volcomp_model::statistics::SIGNIFICANT;
 use volcomp_units::axes::MAX_AXES;
 
 /// The error motions of a chain, measured axis by axis: each axis is corrected before the next one is measured.

@@ -6,7 +6,7 @@ use crate::prelude::*;
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
 use volcomp_model::geometry::Mat3;
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
+use volcomp_model::statistics::chi_square_upper;
 
 /// What is known of the instrument.
 #[derive(Debug, clap::Args)]

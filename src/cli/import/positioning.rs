@@ -12,7 +12,6 @@ use volcomp_formats::columns::{Columns, Placed, Runs};
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
-use volcomp_identify::Reading;
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
     let out = args.out()?;
@@ -148,7 +147,7 @@ fn describe(test: &PositioningTest) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
     let (Some(low), Some(high)) = (positions.first(), positions.last()) else { return };
     let ([low, high], unit) = ([*low, *high].map(|q| test.kind.position_out(q)), test.kind.position_unit());
-    let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
+    let cycles: BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let reverse = test.readings.iter().filter(|r| r.travel == Travel::Reverse).count();
     note!(
         "  {} readings at {} positions from {low} to {high} {unit}, {} cycles, {reverse} of them towards minus",

@@ -224,7 +224,7 @@ pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
 
     let mut progress = Progress::new(path);
     let mut table = create(args, ["t_s", "pv", "value", "alarm"].into_iter())?;
-    let (mut rows, mut pvs) = (0u64, std::collections::BTreeSet::new());
+    let (mut rows, mut pvs) = (0u64, BTreeSet::new());
     while log.advance().map_err(|e| read_failure(path, &e))? {
         let change = log.change();
         if pvs.len() < 10_000 && !pvs.contains(&change.pv) {

@@ -89,7 +89,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             "effects": fates.iter().map(|fate| as_json(fate, forecast.as_ref())).collect::<Vec<_>>(),
             "shrink": delivered.map(|d| d.json()),
             "sensors": model.growths_in_use().flat_map(|t| t.inputs.iter().map(|i| i.sensor.clone()))
-                .collect::<std::collections::BTreeSet<_>>(),
+                .collect::<BTreeSet<_>>(),
             "out": args.out.display().to_string(),
         });
         return say(args, &format!("{report:#}\n"));

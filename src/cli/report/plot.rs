@@ -3,7 +3,7 @@
 
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
-use plotters::prelude::*;
+pub(crate) use plotters::prelude::*;
 
 use crate::numerals::hull;
 

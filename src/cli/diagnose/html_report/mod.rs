@@ -408,7 +408,7 @@ fn limits(page: &mut Page, r: &Report) {
     if !pairs.is_empty() {
         page.paragraph(format!("These data do not separate {}.", pairs.join("; ")));
     }
-    let mut reasons: std::collections::BTreeMap<&str, Vec<String>> = std::collections::BTreeMap::new();
+    let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
     for u in &r.cannot_be_seen {
         reasons.entry(&u.because).or_default().push(name_of_label(&u.effect));
     }

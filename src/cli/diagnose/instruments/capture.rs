@@ -1,7 +1,5 @@
 //! Captures of a SINUMERIK Edge: following errors of the axes, from the JSON of the control or a table of its signals.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::prelude::*;
 use volcomp_diagnose::session::Times;

@@ -52,7 +52,7 @@ pub(super) fn table(path: &Path) -> Result<Measurement> {
 
 /// How often each position was measured before.
 #[derive(Default)]
-struct Repeats(std::collections::BTreeMap<[i64; 2], u32>);
+struct Repeats(BTreeMap<[i64; 2], u32>);
 
 impl Repeats {
     fn next(&mut self, nominal: [f64; 2]) -> f64 {

@@ -138,7 +138,7 @@ fn clock(test: &PositioningTest, span_s: Option<f64>) -> (Times, Box<dyn Fn(usiz
 
 fn describe(found: &mut Measurement, test: &PositioningTest, axis: AxisName) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
-    let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
+    let cycles: BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let both =
         [Travel::Forward, Travel::Reverse].iter().all(|t| test.readings.iter().any(|r| r.travel == *t));
     let ways = if both { "both directions" } else { "one direction" };

@@ -1,12 +1,8 @@
 //! The polar plot of ISO 230-4: radial deviations about the nominal circle, magnified.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use crate::prelude::*;
-use crate::report::plot::{
-    Area, BLUE, Drawn, FAINT, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, stacked_tests,
-    tick, words,
-};
 use volcomp_evaluate::{CircularReading, Circularity};
 
 const HEIGHT: u32 = 516;

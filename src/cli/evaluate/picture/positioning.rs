@@ -1,14 +1,10 @@
 //! The plot of ISO 230-2: deviations over the targets, mean and band of two standard deviations of each direction, B and
 //! R where they occur, M, E and A as ranges.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use crate::evaluate::headed;
 use crate::prelude::*;
-use crate::report::plot::{
-    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, stacked,
-    stacked_tests, with_room, words,
-};
 use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
 
 pub(in crate::evaluate) const HEIGHT: u32 = 370;

@@ -8,7 +8,6 @@ use super::{CaseArgs, CaseFile, Found, Frame, Front, Method, PointColumns, Track
 use crate::model_writer::{ModelWriter, data_error};
 use crate::prelude::*;
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
-use volcomp_model::statistics::SIGNIFICANT;
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.
 ///

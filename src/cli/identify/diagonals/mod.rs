@@ -8,12 +8,11 @@ use crate::identify::{CaseArgs, CaseFile, Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
-use volcomp_identify::Reading;
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
 use volcomp_identify::diagonals::{
     DiagonalsError, MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
 };
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper, student_95};
+use volcomp_model::statistics::{chi_square_upper, f_upper, student_95};
 
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]

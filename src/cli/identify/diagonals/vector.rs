@@ -1,7 +1,5 @@
 //! A case of the reference vectors: displacements in mm, the axis errors at the ends of the box, squareness in rad.
 
-use std::collections::BTreeMap;
-
 use super::{Args, by_name};
 use crate::identify::{CaseFile, Found, printed};
 use crate::prelude::*;

@@ -3,8 +3,6 @@
 //!
 //! Source: paper 002, 3.1 (standard deviations of the five errors over runs); equations 4.2, (4).
 
-use std::collections::BTreeMap;
-
 use serde::{Serialize, Serializer};
 
 use super::Run;

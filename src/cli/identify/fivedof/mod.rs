@@ -4,15 +4,12 @@ mod drift_check;
 mod head_file;
 mod resting;
 
-use std::collections::BTreeMap;
-
 use self::drift_check::DriftCheck;
 use self::head_file::HeadFile;
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
 use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
 use crate::prelude::*;
 use crate::units::column;
-use volcomp_identify::Reading;
 use volcomp_identify::fivedof::align::{Aligned, Level, align};
 use volcomp_identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
 use volcomp_identify::straightness::{Line, Rule};

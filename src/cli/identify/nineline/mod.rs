@@ -2,8 +2,6 @@
 
 mod compare;
 
-use std::collections::BTreeMap;
-
 use serde::Deserialize;
 
 use self::compare::Comparison;
@@ -12,11 +10,10 @@ use super::motion_curves::{Origin, Report};
 use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
 use crate::model_writer::{data_error, default_chain};
 use crate::prelude::*;
-use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_identify::twist::moved;
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
+use volcomp_model::statistics::chi_square_upper;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
 ///

@@ -7,10 +7,8 @@ use super::motion_curves::{Origin, Report};
 use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
 use crate::model_writer::{data_error, default_chain};
 use crate::prelude::*;
-use volcomp_identify::Reading;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
-use volcomp_model::statistics::SIGNIFICANT;
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
 ///

@@ -6,7 +6,6 @@ use crate::fit::report::Fitted;
 use crate::identify::CurveFits;
 use crate::model_writer::{ModelWriter, axis_entry, default_chain};
 use crate::prelude::*;
-use volcomp_identify::Reading;
 use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::reading::group_by_position;
 use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};

@@ -9,7 +9,6 @@ use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, RunColumn
 use crate::files::continue_text;
 use crate::prelude::*;
 use crate::units::column;
-use volcomp_identify::Reading;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
 use volcomp_identify::straightness::{Line, Rule, levers};
 

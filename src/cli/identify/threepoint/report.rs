@@ -5,7 +5,6 @@ use crate::identify::motion_curves::Report;
 use crate::identify::{Frame, Motions, Registered};
 use crate::prelude::*;
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
-use volcomp_model::statistics::SIGNIFICANT;
 
 /// Everything there is to say beside the motions.
 pub(super) struct Threepoint {

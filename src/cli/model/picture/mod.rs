@@ -7,7 +7,7 @@ mod volume;
 pub(super) use panel::meaning;
 
 use crate::prelude::*;
-use crate::report::plot::{Area, BLUE, Drawn, INK, Part, Svg, TITLE, VERMILLION, WIDTH, stacked, svg};
+use crate::report::plot::{Area, Drawn, Part, Svg, TITLE, WIDTH, stacked, svg};
 
 const AXIS_HEIGHT: u32 = TITLE + 2 * 230;
 const VOLUME_HEIGHT: u32 = 640;

@@ -1,11 +1,9 @@
 //! Error curves: six panels per axis, lengths above, angles below.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
-use super::{Area, BLUE, Drawn, TITLE, VERMILLION};
 use crate::model::report::kinds_words;
 use crate::prelude::*;
-use crate::report::plot::{Axes, words};
 use volcomp_model::search::reference_pose;
 
 const SAMPLES: u32 = 600;

@@ -1,11 +1,10 @@
 //! The distorted volume: the box of X, Y, Z as a wire grid, nominal and with its deviations magnified, seen along a
 //! space diagonal (isometric).
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
-use super::{Area, BLUE, Drawn, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
+use super::VOLUME_HEIGHT;
 use crate::prelude::*;
-use crate::report::plot::words;
 use volcomp_model::geometry::unit;
 use volcomp_model::search::reference_pose;
 use volcomp_model::wireframe::{self, Edge, Wire, Wireframe};
