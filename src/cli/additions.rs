@@ -18,7 +18,8 @@ pub(super) struct Additions {
     fields: Vec<(usize, Field)>,
     /// Column and factor of each source, in the order of the evaluator.
     sources: Vec<(usize, f64)>,
-    takes_length: bool,
+    /// True where some effect depends on the length of the tool: then the column is of use beside any model.
+    pub(super) takes_length: bool,
 }
 
 /// Reads an addition.
@@ -76,11 +77,6 @@ impl Additions {
             .any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
         let machine = machine_of(spec, model);
         Ok(Some(Self { evaluator, machine, fields: fields(table), sources, takes_length }))
-    }
-
-    /// True where some effect depends on the length of the tool: then the column is of use beside any model.
-    pub(super) const fn take_length(&self) -> bool {
-        self.takes_length
     }
 
     /// What the additions say at the current row: deviation in W, mm.

@@ -7,6 +7,11 @@ use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
 
+/// What a description in TOML holds.
+pub(super) fn from_toml<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<T> {
+    toml::from_str(text.strip_prefix('\u{feff}').unwrap_or(text)).map_err(|e| mistake!(path, "{e}"))
+}
+
 /// Reads a model file with what it says about its origin.
 pub(super) fn read_model_file(path: &Path) -> Result<ModelFile> {
     read_hashed_model_file(path).map(|(file, _)| file)

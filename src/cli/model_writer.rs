@@ -86,9 +86,7 @@ impl ModelWriter {
         files: &[PathBuf],
     ) -> Result<()> {
         Model::new(&model.spec).map_err(|e| data_error(files, e))?;
-        let Some(out) = self.target() else {
-            return Err(usage!("neither --out nor --into is given"));
-        };
+        let out = self.target().ok_or_else(|| usage!("neither --out nor --into is given"))?;
         warn_of_axis_points(before, &model.spec, out);
         write_model(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());

@@ -160,7 +160,7 @@ impl Columns {
 
     /// Refuses tool lengths that neither the model nor an addition can use.
     fn check_length(&self, table: &Table, model: &Model, additions: Option<&Additions>) -> Result<()> {
-        let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(Additions::take_length);
+        let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(|a| a.takes_length);
         match self.tool_length {
             Some(length) if !used => Err(table.fail(
                 length,

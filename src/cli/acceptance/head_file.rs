@@ -1,5 +1,6 @@
 //! The head of a report as a file in TOML (`docs/how-to/reports.md`); every key is optional.
 
+use crate::files::from_toml;
 use crate::prelude::*;
 
 use serde::Deserialize;
@@ -134,8 +135,7 @@ impl HeadFile {
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
         let bad = |what: &dyn core::fmt::Display| mistake!(path, "{what}");
-        let head: Self =
-            toml::from_str(text.strip_prefix('\u{feff}').unwrap_or(&text)).map_err(|e| bad(&e))?;
+        let head: Self = from_toml(path, &text)?;
         for (section, tests) in [("tolerance", &head.tolerance), ("uncertainty", &head.uncertainty)] {
             for (test, figures) in tests {
                 if !TESTS.contains(&test.as_str()) {

@@ -186,7 +186,7 @@ fn motion(table: Table, axis: AxisName) -> Result<BySymbol> {
     let run = table.run(position_name)?;
     let mut symbols = Vec::new();
     for (i, column) in table.columns().to_vec().iter().enumerate() {
-        if !table.known().contains(column) {
+        if !table.known.contains(column) {
             let symbol = symbol_column(column, axis, position_name).map_err(|what| table.fail(i, what))?;
             symbols.extend(table.find(column).map(|column| (column, symbol)));
         }

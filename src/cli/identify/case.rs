@@ -50,16 +50,11 @@ impl CaseArgs {
 /// A file with a case in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CaseFile<'a> {
-    path: &'a Path,
+    pub(super) path: &'a Path,
     id: Option<&'a str>,
 }
 
 impl<'a> CaseFile<'a> {
-    /// Its name.
-    pub(super) fn path(&self) -> &'a Path {
-        self.path
-    }
-
     /// A message about the case.
     pub(super) fn bad(&self, what: impl core::fmt::Display) -> Failure {
         match self.id {

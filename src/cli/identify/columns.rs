@@ -24,7 +24,8 @@ pub(crate) struct RunColumns {
 /// A table that knows which of its columns were asked for.
 pub(crate) struct Columns {
     pub(crate) table: Table,
-    known: Vec<String>,
+    /// The columns that were asked for.
+    pub(crate) known: Vec<String>,
 }
 
 impl core::ops::Deref for Columns {
@@ -91,11 +92,6 @@ impl Columns {
     pub(crate) fn run(&mut self, position: &str) -> Result<RunColumns> {
         let position = self.require(position)?;
         Ok(RunColumns { position, cycle: self.find("cycle"), direction: self.find("direction") })
-    }
-
-    /// The columns that were asked for.
-    pub(crate) fn known(&self) -> &[String] {
-        &self.known
     }
 
     /// Refuses columns that were not asked for; `hint` says which were, from the name of the first.

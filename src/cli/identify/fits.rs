@@ -104,7 +104,7 @@ impl Method for Args {
     }
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
-        found(&file.read()?, file.path())
+        found(&file.read()?, file.path)
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {

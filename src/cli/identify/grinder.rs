@@ -152,7 +152,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
     let axes: Vec<[Option<Column>; 2]> = axes.collect();
     let tool = TOOL.map(|n| table.find(n));
     let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find(n));
-    table.only(|column| hint(column, table.known(), table.known().join(", ")))?;
+    table.only(|column| hint(column, &table.known, table.known.join(", ")))?;
     if !matches!(tool.iter().flatten().count(), 0 | 3) {
         return Err(data!(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }

@@ -185,7 +185,7 @@ impl TableColumns {
         let positions = table.three([&a, &b, &c])?;
         let mut found: Option<(Column, ErrorSymbol)> = None;
         for (i, column) in table.columns().to_vec().iter().enumerate() {
-            if table.known().contains(column) {
+            if table.known.contains(column) {
                 continue;
             }
             let (name, unit) = column.rsplit_once('_').unwrap_or((column, ""));

@@ -92,7 +92,7 @@ impl Method for Args {
         let arm = Arm { length: case.arm, zero: rad_from_deg(case.arm_zero_deg) };
         let contact = |(y, b): (&f64, &f64)| arm.contact(*y, rad_from_deg(*b));
         let contacts = case.y.iter().zip(&case.b_deg).map(contact).collect();
-        self.outcome(file.path(), contacts, case.bar_radius)
+        self.outcome(file.path, contacts, case.bar_radius)
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {

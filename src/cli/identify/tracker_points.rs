@@ -32,7 +32,7 @@ pub(super) struct TrackerArgs {
     machine_sigma_um: f64,
     /// Where the tracker stands in M, its axes parallel to those of M; for angles without --registration.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, conflicts_with = "registration")]
-    tracker_mm: Option<Vec3>,
+    pub(super) tracker_mm: Option<Vec3>,
 }
 
 /// The three columns of a point.
@@ -58,7 +58,8 @@ pub(super) struct Frame {
     cartesian: f64,
     /// Noise of observations; `None` where not stated.
     tracker: Option<TrackerNoise>,
-    stated: bool,
+    /// True where the noise was stated.
+    pub(super) noise_is_stated: bool,
     station: Vec3,
     pub(super) registered: Option<Registered>,
 }
@@ -94,11 +95,6 @@ impl PointColumns {
 }
 
 impl TrackerArgs {
-    /// Place of the tracker in M, where it was stated.
-    pub(super) const fn station(&self) -> Option<Vec3> {
-        self.tracker_mm
-    }
-
     /// Noise of range and angles, where both were stated.
     pub(super) fn stated_noise(&self) -> Option<TrackerNoise> {
         Some(TrackerNoise {
@@ -132,7 +128,7 @@ impl TrackerArgs {
         let mut frame = Frame {
             cartesian: self.cartesian_sigma().unwrap_or(1.0).powi(2),
             tracker,
-            stated: self.noise_um.is_some() || tracker.is_some(),
+            noise_is_stated: self.noise_um.is_some() || tracker.is_some(),
             station: self.tracker_mm.unwrap_or_else(Vec3::zeros),
             registered: None,
         };
@@ -165,16 +161,11 @@ impl TrackerArgs {
             }
         }
         let fit = register(&from, &to, &covariance).map_err(|e| Failure::data(path, e))?;
-        Ok(Registered { fit, points, stated: frame.stated })
+        Ok(Registered { fit, points, stated: frame.noise_is_stated })
     }
 }
 
 impl Frame {
-    /// True where the noise was stated.
-    pub(super) const fn noise_is_stated(&self) -> bool {
-        self.stated
-    }
-
     /// One point of the current row in M, with its covariance.
     pub(super) fn read(&self, row: &Columns, columns: PointColumns) -> Result<(Vec3, Mat3)> {
         let place = Place::read(row, columns)?;

@@ -171,9 +171,7 @@ const START_UP_ROWS: usize = 100_000;
 fn columns(args: &Args, path: &Path, sink: &mut dyn FnMut(AxisKind, &Reading) -> Result<()>) -> Result<()> {
     let file = path.display().to_string();
     let map = args.column_map()?;
-    let Some(target) = map.output("target") else {
-        return Err(Failure::usage("the map has no output target"));
-    };
+    let target = map.output("target").ok_or_else(|| usage!("the map has no output target"))?;
     let value = map.output("deviation").or(map.output("actual")).unwrap_or(target);
     let (cycle, direction) = (map.output("cycle"), map.output("direction"));
     let is_actual = map.output("actual").is_some();

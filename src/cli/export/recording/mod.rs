@@ -123,14 +123,14 @@ fn convert(
             return Ok(());
         }
         if !begun {
-            sink.begin(rows.columns())?;
+            sink.begin(&rows.columns)?;
             begun = true;
         }
-        let t_s = rows.t_s();
+        let t_s = rows.t_s;
         last_s = t_s;
         let wanted = args.from_s.is_none_or(|from| t_s >= from) && args.to_s.is_none_or(|to| t_s <= to);
         if wanted && cycles % args.every.unwrap_or(1) == 0 {
-            sink.row(rows.cells())?;
+            sink.row(&rows.cells)?;
             written += 1;
         }
         cycles += 1;

@@ -271,7 +271,7 @@ fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let mut table = columns::open(path)?;
     let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    table.only(|_| format!("columns are {}", table.known().join(", ")))?;
+    table.only(|_| format!("columns are {}", table.known.join(", ")))?;
     let (lines, samples): (Vec<u64>, Vec<Sample>) = table
         .rows(|row| {
             let feed = feed.map(|c| row.value(c)).transpose()?.or(args.feed_mm_per_min);

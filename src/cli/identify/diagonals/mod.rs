@@ -118,9 +118,7 @@ impl Steps {
 
 impl<'a> Outcome<'a> {
     fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
-        let Some(size) = args.box_mm else {
-            return Err(usage!("--box-mm is missing; give the sides of the box"));
-        };
+        let size = args.box_mm.ok_or_else(|| usage!("--box-mm is missing; give the sides of the box"))?;
         let model_path = args.model.as_ref().or(args.out.into.as_ref());
         let spec = match model_path {
             Some(p) => read_model(p)?.0,

@@ -79,9 +79,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let tilts = self.tilt_test.as_deref().map(read_tilt_test).transpose()?;
-        let Some(axis) = self.axis else {
-            return Err(usage!("--axis is missing; say which axis moved"));
-        };
+        let axis = self.axis.ok_or_else(|| usage!("--axis is missing; say which axis moved"))?;
         let mut signs = self.signs.as_deref().map(SignFile::read).transpose()?;
         if let Some(found) = &tilts {
             let file = signs.get_or_insert_with(SignFile::default);

@@ -164,7 +164,7 @@ impl Method for Args {
         let series = Series { axis, workpiece_side, origin: self.origin_mm, reference };
         let mut fit = solve_series(&shots, &series).map_err(|e| data_error(data, e))?;
         follows_the_axis(data, &series, &fit.rows)?;
-        report::scale_by_misfit(&mut fit, frame.noise_is_stated());
+        report::scale_by_misfit(&mut fit, frame.noise_is_stated);
         if workpiece_side {
             to_relative(&mut fit.rows);
         }

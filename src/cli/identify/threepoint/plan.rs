@@ -53,7 +53,7 @@ fn confidence(text: &str) -> Result<f64, String> {
 pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>> {
     let p = &args.plan;
     let (Some(points), Some(axis), Some([low, high]), Some(station), Some(target)) =
-        (&args.points, args.axis, p.travel_mm, args.tracker.station(), p.target_arcsec)
+        (&args.points, args.axis, p.travel_mm, args.tracker.tracker_mm, p.target_arcsec)
     else {
         return Err(usage!("--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec"));
     };

@@ -26,7 +26,7 @@ pub(super) fn scale_by_misfit(fit: &mut SeriesFit, noise_is_stated: bool) {
 impl Threepoint {
     /// Probability of the residuals, where noise was stated to compare them with.
     fn p_value(&self) -> Option<f64> {
-        (self.frame.noise_is_stated() && self.fit.dof > 0).then_some(self.fit.p_value)
+        (self.frame.noise_is_stated && self.fit.dof > 0).then_some(self.fit.p_value)
     }
 
     fn suspect(&self) -> Option<(&str, f64)> {

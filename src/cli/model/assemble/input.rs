@@ -12,7 +12,7 @@ use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 pub(super) struct Loaded {
     pub(super) source: Source,
     path: PathBuf,
-    hash: String,
+    pub(super) hash: String,
     pub(super) is_table: bool,
     /// What the file says about itself.
     pub(super) file: Provenance,
@@ -40,10 +40,6 @@ impl Loaded {
         let hashes = all
             .flat_map(|p| core::iter::once(&p.source_hash).chain(p.sources.iter().map(|s| &s.source_hash)));
         hashes.filter(|h| h.is_some()).map(Option::as_deref)
-    }
-
-    pub(super) fn hash(&self) -> &str {
-        &self.hash
     }
 }
 

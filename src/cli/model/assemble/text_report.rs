@@ -23,7 +23,7 @@ impl Report<'_> {
         let mut out = vec![format!("model of {}, chain {}", spec.machine, spec.chain), "sources".to_owned()];
         for l in self.loaded {
             let kind = if l.is_table { "table of motions" } else { "model" };
-            out.push(format!("  {:<28} {kind}, blake3 {}", l.source.name, &l.hash()[..16]));
+            out.push(format!("  {:<28} {kind}, blake3 {}", l.source.name, &l.hash[..16]));
         }
         out.push("errors".to_owned());
         out.extend(
@@ -93,8 +93,7 @@ impl Report<'_> {
 
     pub(super) fn as_json(&self) -> Value {
         let sources = self.loaded.iter();
-        let sources =
-            sources.map(|l| json!({"name": l.source.name, "blake3": l.hash(), "table": l.is_table}));
+        let sources = sources.map(|l| json!({"name": l.source.name, "blake3": l.hash, "table": l.is_table}));
         json!({
             "machine": self.done.spec.machine,
             "chain": self.done.spec.chain.to_string(),
