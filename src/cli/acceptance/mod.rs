@@ -144,8 +144,7 @@ impl Acceptance {
         let (machine, test, instrument) = (&self.head.machine, &self.head.test, &self.head.instrument);
         let text = |t: &Option<Text>| t.as_ref().map(|t| t.0.clone());
         let both = |parts: [Option<String>; 2]| {
-            let parts: Vec<String> = parts.into_iter().flatten().collect();
-            (!parts.is_empty()).then(|| parts.join(", "))
+            Some(parts.into_iter().flatten().joined(", ")).filter(|parts| !parts.is_empty())
         };
         let number = |v: Option<f64>, unit: &str| v.map(|v| format!("{v} {unit}"));
         let temperature = [test.temperature_start_degc, test.temperature_end_degc];

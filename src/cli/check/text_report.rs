@@ -139,11 +139,10 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         ));
     }
     out.extend(plausibility::notes(machine, model));
-    let used: Vec<&str> = file.growths_in_use().map(|t| t.name.as_str()).collect();
+    let used = file.growths_in_use().map(|t| t.name.as_str()).joined(", ");
     if machine.sensors.spec.sensors.is_empty() && !used.is_empty() {
         out.push(format!(
-            "thermal {} stays zero: the machine file lists no [[sensor]] for its temperatures and speeds",
-            used.join(", ")
+            "thermal {used} stays zero: the machine file lists no [[sensor]] for its temperatures and speeds"
         ));
     }
     if machine.link.is_exposed() {

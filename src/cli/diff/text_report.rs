@@ -123,11 +123,11 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
         let [low, high] = range.map(|q| short(position_out(axis, q)));
         format!("{axis} {low} to {high} {}", position_unit(axis))
     });
-    let ranges: Vec<String> = ranges.collect();
+    let ranges = ranges.joined(", ");
     let mut out = vec![if ranges.is_empty() {
         "no axis has a travel: compared at home only".to_owned()
     } else {
-        format!("searched {} ({} poses)", ranges.join(", "), v.poses)
+        format!("searched {ranges} ({} poses)", v.poses)
     }];
     let bound = |b: Option<f64>, f: fn(f64) -> f64, unit: &str| {
         b.map_or(String::new(), |b| format!("; nowhere above {:.2} {unit}", f(b)))

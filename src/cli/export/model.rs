@@ -159,10 +159,10 @@ fn describe(table: &AxisTable) {
 
 /// Says what of the model is not in the file.
 fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &[ErrorSymbol]) {
-    let missing: Vec<String> =
-        spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).collect();
+    let missing =
+        spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).joined(" ");
     if !missing.is_empty() {
-        note!("not in this file: {}", missing.join(" "));
+        note!("not in this file: {missing}");
     }
     if spec.errors.iter().any(|(s, f)| written.contains(s) && f.std.is_some()) && format != FormatArg::Csv {
         note!("not in this file: the stated uncertainties");

@@ -277,6 +277,14 @@ impl Args {
     }
 }
 
+/// Notes a list, where it has an item.
+fn note_list(what: &str, list: impl Iterator<Item: core::fmt::Display>) {
+    let list = list.joined(", ");
+    if !list.is_empty() {
+        note!("  {what}{list}");
+    }
+}
+
 /// A file or stdin, buffered.
 fn open(path: &Path, kind: InputKind) -> Result<impl BufRead> {
     Ok(input::open(path, kind)?.buffered())

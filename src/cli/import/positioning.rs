@@ -1,6 +1,6 @@
 //! Laser tests and other positioning tests to `cycle,direction,target_mm,deviation_um`.
 
-use super::{Args, FormatArg, encoding_note, open};
+use super::{Args, FormatArg, encoding_note, note_list, open};
 use crate::files::Rows;
 use crate::positioning_data::{format_failure, parse_dat};
 use crate::predict::push_number;
@@ -108,13 +108,8 @@ impl Args {
 }
 
 fn describe_rtl(rtl: &Rtl) {
-    let about: Vec<String> = ["Machine", "Serial No", "Axis", "Date", "By", "Location", "TITLE"]
-        .into_iter()
-        .filter_map(|k| rtl.user(k).map(|v| format!("{} {v}", k.to_lowercase())))
-        .collect();
-    if !about.is_empty() {
-        note!("  {}", about.join(", "));
-    }
+    let about = ["Machine", "Serial No", "Axis", "Date", "By", "Location", "TITLE"].into_iter();
+    note_list("", about.filter_map(|k| rtl.user(k).map(|v| format!("{} {v}", k.to_lowercase()))));
     let way = if rtl.is_one_way() { "one way" } else { "both ways" };
     note!("  {} targets, {} runs, {way}", rtl.targets.len(), rtl.run_count);
     let known = [
@@ -126,20 +121,12 @@ fn describe_rtl(rtl: &Rtl) {
         ("Mat temp 3", "material 3", "degC"),
         ("Exp coeff", "expansion", "ppm/degC"),
     ];
-    let environment: Vec<String> = known
-        .into_iter()
-        .filter_map(|(key, name, unit)| {
-            let span = rtl.environment(key)?;
-            Some(format!("{name} {:.2} to {:.2} {unit}", span.start, span.end))
-        })
-        .collect();
-    if !environment.is_empty() {
-        note!("  {}", environment.join(", "));
-    }
-    let absent: Vec<&str> = rtl.absent_sensors().collect();
-    if !absent.is_empty() {
-        note!("  sensors that were not there: {}", absent.join(", "));
-    }
+    let environment = known.into_iter().filter_map(|(key, name, unit)| {
+        let span = rtl.environment(key)?;
+        Some(format!("{name} {:.2} to {:.2} {unit}", span.start, span.end))
+    });
+    note_list("", environment);
+    note_list("sensors that were not there: ", rtl.absent_sensors());
 }
 
 /// Range, cycles and directions of a test.

@@ -6,7 +6,7 @@ use std::io::{self, BufRead, Read, Write};
 use std::rc::Rc;
 
 use super::positioning::read_failure;
-use super::{Args, encoding_note, open};
+use super::{Args, encoding_note, note_list, open};
 use crate::files::Rows;
 use crate::positioning_data::format_failure;
 use crate::prelude::*;
@@ -58,13 +58,8 @@ pub(super) fn rtx(args: &Args, path: &Path) -> Result<()> {
     table.finish()?;
     let header = samples.header();
     note!("{}: Renishaw dynamic laser test (.rtx)", path.display());
-    let about: Vec<String> = ["Machine", "Axis", "Date", "By", "Owner"]
-        .into_iter()
-        .filter_map(|k| header.text(k).map(|v| format!("{} {v}", k.to_lowercase())))
-        .collect();
-    if !about.is_empty() {
-        note!("  {}", about.join(", "));
-    }
+    let about = ["Machine", "Axis", "Date", "By", "Owner"].into_iter();
+    note_list("", about.filter_map(|k| header.text(k).map(|v| format!("{} {v}", k.to_lowercase()))));
     note!("  {done} samples at {rate} Hz, {:.3} s", done.saturating_sub(1) as f64 / rate);
     if !args.angular {
         note!("  note: taken as mm; the file does not say whether it was an angular optic (--angular: mrad)");
@@ -213,10 +208,7 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
             "  note: the letters of the axes need not say how they move; name those you want with --axes, such as --axes x=1,c=4"
         );
     }
-    let events: Vec<String> = summary.events.iter().map(|(name, n)| format!("{n} {name}")).collect();
-    if !events.is_empty() {
-        note!("  not kept: {}", events.join(", "));
-    }
+    note_list("not kept: ", summary.events.iter().map(|(name, n)| format!("{n} {name}")));
 }
 
 pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
@@ -312,10 +304,7 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<()> {
     if let Some(plane) = &test.plane {
         note!("  plane {plane}");
     }
-    let about: Vec<String> = test.about.iter().map(|(k, v)| format!("{k} {v}")).collect();
-    if !about.is_empty() {
-        note!("  {}", about.join(", "));
-    }
+    note_list("", test.about.iter().map(|(k, v)| format!("{k} {v}")));
     note!("  {} figures; raw samples are not read", test.features.len());
     let unknown = test.features.iter().filter(|f| f.unit.is_none()).count();
     if unknown > 0 {

@@ -258,15 +258,15 @@ impl Documented<'_> {
     fn extrapolation(&self) -> String {
         let mut text =
             "none: outside the range of a function its end value is held and the point is flagged".to_owned();
-        let short: Vec<String> = crate::check::model_notes(self.file)
+        let short = crate::check::model_notes(self.file)
             .into_iter()
             .filter(|n| n.contains("its end value is held"))
             .map(|n| n.split(';').next().unwrap_or(&n).to_owned())
-            .collect();
+            .joined("; ");
         if short.is_empty() {
             text.push_str("; every function covers the travel stated");
         } else {
-            text = format!("{text}; {}", short.join("; "));
+            text = format!("{text}; {short}");
         }
         text
     }
@@ -315,14 +315,13 @@ impl Documented<'_> {
         let held = self.held_by_curves();
         let is_held = |s: &ErrorSymbol| held.iter().any(|(other, _)| other == s);
         let symbols = spec.chain.error_symbols().into_iter();
-        let left: Vec<String> =
-            symbols.filter(|s| !covered.contains(s) && !is_held(s)).map(|s| s.to_string()).collect();
+        let left = symbols.filter(|s| !covered.contains(s) && !is_held(s)).joined(" ");
         if left.is_empty() {
             out.push(
                 "no error motion, squareness or location error of the chain is without a function".to_owned(),
             );
         } else {
-            out.push(format!("without a function: {}", left.join(" ")));
+            out.push(format!("without a function: {left}"));
         }
         if !held.is_empty() {
             let words = |(s, amount): &(ErrorSymbol, f64)| {
@@ -384,9 +383,8 @@ impl Documented<'_> {
 
 /// Instrument, day and file of a determination, where stated.
 fn origin(p: &Provenance) -> Option<String> {
-    let stated: Vec<&str> =
-        [&p.instrument, &p.date, &p.source].into_iter().flatten().map(String::as_str).collect();
-    (!stated.is_empty()).then(|| stated.join(", "))
+    let stated = [&p.instrument, &p.date, &p.source].into_iter().flatten().joined(", ");
+    Some(stated).filter(|stated| !stated.is_empty())
 }
 
 fn meaning(symbol: ErrorSymbol) -> &'static str {

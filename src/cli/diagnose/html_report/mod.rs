@@ -350,17 +350,14 @@ fn unexplained(page: &mut Page, found: &Diagnosis) {
         percent(Shares::of(b).unexplained),
         with_names(&looks)
     ));
-    let places: Vec<String> = u
+    let places = u
         .places
         .iter()
         .take(5)
         .map(|p| format!("{} {} {} ({})", p.by, p.of, percent(p.share), p.detail).replace("  ", " "))
-        .collect();
+        .joined("; ");
     if !places.is_empty() {
-        page.note(format!(
-            "Share that any function of one quantity explains (shares overlap): {}.",
-            places.join("; ")
-        ));
+        page.note(format!("Share that any function of one quantity explains (shares overlap): {places}."));
     }
 }
 

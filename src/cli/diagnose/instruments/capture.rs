@@ -60,9 +60,8 @@ impl Survey {
 
     /// The signals that are not read, in words.
     fn unused_text(&self) -> Option<String> {
-        let kinds: Vec<&str> = self.unused.iter().map(String::as_str).collect();
-        (!kinds.is_empty())
-            .then(|| format!("signals not used: {}; DES_POS and ENC_POS are read", kinds.join(", ")))
+        let kinds = self.unused.iter().joined(", ");
+        (!kinds.is_empty()).then(|| format!("signals not used: {kinds}; DES_POS and ENC_POS are read"))
     }
 
     fn widen(&mut self, value: impl Fn(usize) -> f64) {

@@ -103,10 +103,10 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     }
     let is_read =
         |i: usize| i == t || columns.iter().any(|(_, c, _)| *c == i) || sources.iter().any(|(c, _)| *c == i);
-    let unused: Vec<&str> =
-        table.columns().iter().enumerate().filter(|(i, _)| !is_read(*i)).map(|(_, n)| n.as_str()).collect();
+    let unused =
+        table.columns().iter().enumerate().filter(|(i, _)| !is_read(*i)).map(|(_, n)| n).joined(", ");
     if !unused.is_empty() {
-        notes.push(format!("columns not used: {}", unused.join(", ")));
+        notes.push(format!("columns not used: {unused}"));
     }
     let mut names =
         vec!["t_s", "setup", "run", "repeat", "x_mm", "moving", "u_x", "u_y", "u_z", "deviation_um"];

@@ -115,9 +115,9 @@ fn causes(page: &mut Page, test: &Test) {
     }
     let name = |effect: Effect| named(effect, plane).0;
     let small = a.estimates.iter().filter(|e| !e.significant);
-    let small: Vec<String> = small.map(|e| format!("{} ({})", name(e.effect), values(e))).collect();
+    let small = small.map(|e| format!("{} ({})", name(e.effect), values(e))).joined(", ");
     if !small.is_empty() {
-        page.note(format_args!("Not significant (99.9 %): {}.", small.join(", ")));
+        page.note(format_args!("Not significant (99.9 %): {small}."));
     }
     let round = roundness(&test.plan);
     if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {

@@ -254,10 +254,9 @@ pub(crate) fn print(plan: &Plan) {
         note!("note: {}", note_text(n));
     }
     let loud = a.harmonics.iter().filter(|h| h.residual > a.sigma);
-    let loud: Vec<String> =
-        loud.map(|h| format!("{} waves per turn: {:.2} um", h.order, um(h.residual))).collect();
+    let loud = loud.map(|h| format!("{} waves per turn: {:.2} um", h.order, um(h.residual))).joined(", ");
     if !loud.is_empty() {
-        note!("note: not explained by any effect: {}", loud.join(", "));
+        note!("note: not explained by any effect: {loud}");
     }
     say!();
 }
