@@ -1,9 +1,10 @@
 //! Parsers of option values: axes, points, numbers.
 
-use crate::prelude::*;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use volcomp_daemon::socket::check_reason;
 use volcomp_formats::text::finite;
+
+use crate::prelude::*;
 
 /// An axis by its letter.
 pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {

@@ -2,10 +2,11 @@
 
 #![expect(clippy::disallowed_methods, reason = "the one place that creates and replaces files")]
 
-use crate::prelude::*;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
+
+use crate::prelude::*;
 
 /// What a description in TOML holds.
 pub(super) fn from_toml<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<T> {

@@ -4,13 +4,14 @@
 //! regular file is refused by its length before it is read; a device, a pipe or a file of `/proc` has no length and is
 //! refused at the first byte beyond the limit.
 
-use crate::prelude::*;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufReader, Cursor, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::time::{Duration, Instant};
 
 use rustix::fs::OFlags;
+
+use crate::prelude::*;
 
 /// Longest wait for the writer of a FIFO.
 const WRITER_TIMEOUT: Duration = Duration::from_secs(5);

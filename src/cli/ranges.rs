@@ -1,13 +1,14 @@
 //! Ranges of numeric arguments, one table for every program: the unit or the quantity in the name of an argument gives
 //! its range, so that a new argument has one, too.
 
-use crate::prelude::*;
 use core::error::Error;
 use core::num::ParseIntError;
 
 use clap::builder::ValueParser;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Arg, ArgMatches, Command, Parser};
+
+use crate::prelude::*;
 
 /// Smallest and largest value.
 type Range = [f64; 2];

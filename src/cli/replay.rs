@@ -183,18 +183,14 @@ fn to_json(report: &Report, walked: &Walked) -> serde_json::Value {
             "axis": d.axis.map(|a| a.lower().to_string()), "recorded": d.recorded, "replayed": d.replayed,
         })
     };
-    json!({
-        "records": report.records,
-        "cycles": report.cycles,
-        "compared": report.compared,
-        "differing": report.differing,
-        "largest_difference": report.largest,
-        "differences": report.differences.iter().map(difference).collect::<Vec<_>>(),
-        "gaps": report.gaps.iter().map(gap).collect::<Vec<_>>(),
-        "refused": report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect::<Vec<_>>(),
-        "notes": walked.notes,
-        "missing": walked.missing.iter().map(missing).collect::<Vec<_>>(),
-        "damaged": walked.damaged,
-        "complete": is_complete(report, walked),
-    })
+    let mut json = fields!(report; records, cycles, compared, differing);
+    json["largest_difference"] = json!(report.largest);
+    json["differences"] = report.differences.iter().map(difference).collect();
+    json["gaps"] = report.gaps.iter().map(gap).collect();
+    json["refused"] = report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect();
+    json["notes"] = json!(walked.notes);
+    json["missing"] = walked.missing.iter().map(missing).collect();
+    json["damaged"] = json!(walked.damaged);
+    json["complete"] = json!(is_complete(report, walked));
+    json
 }

@@ -3,12 +3,13 @@
 //! [`conflict`] compares the options before any work is done. [`check`] covers the files that only a description or a
 //! compound value names, at the moment of writing.
 
-use crate::prelude::*;
 use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::sync::{Mutex, PoisonError};
 
 use clap::{Arg, ArgMatches, Command};
+
+use crate::prelude::*;
 
 /// Options that name a file to write.
 const WRITES: &str = "out html svg json picture record drawing motions write-signs write-calibration";

@@ -1,10 +1,10 @@
 //! A table that a terminal and a page show alike: the same heads and rows, columns as wide as what stands in them.
 
-use crate::acceptance::NOT_STATED;
-use crate::prelude::*;
 use std::fmt::Display;
 
 use super::page::Page;
+use crate::acceptance::NOT_STATED;
+use crate::prelude::*;
 
 /// Blanks between two columns.
 const GAP: usize = 2;

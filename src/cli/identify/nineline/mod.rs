@@ -85,14 +85,11 @@ impl Case {
 fn json_of(found: &NineLine, stated: bool) -> Value {
     // without a stated noise this is the covariance for readings of unit variance
     let covariance = if stated { "cov" } else { "cofactor" };
-    json!({
-        "E": found.motion.as_slice(),
-        "condition_scaled": found.condition_scaled,
-        "rank": 6,
-        "dof": found.dof,
-        "chi2": found.chi2,
-        covariance: rows(|at| found.covariance[at]),
-    })
+    let mut json = fields!(found; condition_scaled, dof, chi2);
+    json["E"] = json!(found.motion.as_slice());
+    json["rank"] = json!(6);
+    json[covariance] = json!(rows(|at| found.covariance[at]));
+    json
 }
 
 fn print(found: &NineLine) {

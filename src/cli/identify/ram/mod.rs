@@ -307,15 +307,11 @@ impl PriorSource {
 }
 
 fn json_of(fit: &RamFit) -> Value {
-    json!({
-        "rank": fit.rank,
-        "E_lsq": fit.motion.as_slice(),
-        "sigma": Component::ALL.map(|c| std(fit, c)),
-        "cov": rows(|at| fit.covariance[at]),
-        "chi2": fit.chi2,
-        "dof": fit.dof,
-        "p_value": fit.p_value,
-    })
+    let mut json = fields!(fit; rank, chi2, dof, p_value);
+    json["E_lsq"] = json!(fit.motion.as_slice());
+    json["sigma"] = json!(Component::ALL.map(|c| std(fit, c)));
+    json["cov"] = json!(rows(|at| fit.covariance[at]));
+    json
 }
 
 fn std(fit: &RamFit, component: Component) -> f64 {
