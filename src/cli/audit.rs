@@ -130,20 +130,14 @@ fn not_a_line(path: &Path, line: usize, error: &serde_json::Error) -> Failure {
 /// One line for a person: control characters in what others wrote are shown, not carried out.
 fn human(line: &Line) -> String {
     let name = line.who.name.clone().or_else(|| line.who.uid.map(|uid| format!("uid {uid}")));
-    let mut text =
-        format!("{:>5} {} {:<10} {}", line.seq, line.time, name.unwrap_or_else(|| "?".to_owned()), line.what);
-    text.push_str(&format!(": {}", line.result));
-    if let Some(why) = &line.why {
-        text.push_str(&format!(" (why: {why})"));
-    }
-    if let Some(old) = &line.old_model {
-        text.push_str(&format!(" old model {}", &old.chars().take(12).collect::<String>()));
-    }
-    if let Some(new) = &line.new_model {
-        text.push_str(&format!(" model {}", &new.chars().take(12).collect::<String>()));
-    }
-    if let Some(detail) = &line.detail {
-        text.push_str(&format!("; {detail}"));
-    }
+    let Line { seq, time, what, result, .. } = line;
+    let parts = [
+        Some(format!("{seq:>5} {time} {:<10} {what}: {result}", name.unwrap_or_else(|| "?".to_owned()))),
+        line.why.as_ref().map(|why| format!(" (why: {why})")),
+        line.old_model.as_ref().map(|old| format!(" old model {old:.12}")),
+        line.new_model.as_ref().map(|new| format!(" model {new:.12}")),
+        line.detail.as_ref().map(|detail| format!("; {detail}")),
+    ];
+    let text = parts.into_iter().flatten().joined("");
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

@@ -256,19 +256,17 @@ impl Documented<'_> {
 
     /// What happens outside of the functions' ranges, and where they are narrower than the travel.
     fn extrapolation(&self) -> String {
-        let mut text =
-            "none: outside the range of a function its end value is held and the point is flagged".to_owned();
+        let held = "none: outside the range of a function its end value is held and the point is flagged";
         let short = crate::check::model_notes(self.file)
             .into_iter()
             .filter(|n| n.contains("its end value is held"))
             .map(|n| n.split(';').next().unwrap_or(&n).to_owned())
             .joined("; ");
         if short.is_empty() {
-            text.push_str("; every function covers the travel stated");
+            format!("{held}; every function covers the travel stated")
         } else {
-            text = format!("{text}; {short}");
+            format!("{held}; {short}")
         }
-        text
     }
 
     /// Compensations of the control.
@@ -316,13 +314,11 @@ impl Documented<'_> {
         let is_held = |s: &ErrorSymbol| held.iter().any(|(other, _)| other == s);
         let symbols = spec.chain.error_symbols().into_iter();
         let left = symbols.filter(|s| !covered.contains(s) && !is_held(s)).joined(" ");
-        if left.is_empty() {
-            out.push(
-                "no error motion, squareness or location error of the chain is without a function".to_owned(),
-            );
+        out.push(if left.is_empty() {
+            "no error motion, squareness or location error of the chain is without a function".to_owned()
         } else {
-            out.push(format!("without a function: {left}"));
-        }
+            format!("without a function: {left}")
+        });
         if !held.is_empty() {
             let words = |(s, amount): &(ErrorSymbol, f64)| {
                 format!("{s} {} {}", signed(error_out(*s, *amount), 2), error_unit(*s))
