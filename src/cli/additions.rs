@@ -86,10 +86,8 @@ impl Additions {
             field(&mut m, table.number(*column)?);
         }
         m.head = self.machine.head(&m.position);
-        let mut sources = Vec::with_capacity(self.sources.len());
-        for (column, factor) in &self.sources {
-            sources.push(table.number(*column)? * factor);
-        }
+        let source = |(column, factor): &(usize, f64)| Ok(table.number(*column)? * factor);
+        let sources = self.sources.iter().map(source).collect::<Result<Vec<_>>>()?;
         let machine = self.evaluator.next(&mut m, &sources);
         Ok(workpiece_to_machine(model, &m).transpose() * machine.map(mm_from_um))
     }

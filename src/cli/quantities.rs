@@ -92,3 +92,18 @@ pub(crate) fn pose_json(chain: &Chain, pose: &Pose) -> Value {
     }
     Value::Object(out)
 }
+
+/// The largest offset of each axis that has one, and where, for programs; of each the offsets in chain order and the pose.
+pub(crate) fn corrections_json<'a>(
+    chain: &Chain,
+    largest: impl Iterator<Item = Option<(&'a [f64], &'a Pose)>>,
+) -> Map<String, Value> {
+    let axes = chain.axes().iter().map(|a| a.name).zip(largest).enumerate();
+    axes.filter_map(|(k, (axis, found))| {
+        let (offset, pose) = found?;
+        let key = format!("largest_{}", offset_unit(axis));
+        let entry = json!({key: offset_out(axis, offset[k]), "at": pose_json(chain, pose)});
+        Some((axis.lower().to_string(), entry))
+    })
+    .collect()
+}

@@ -134,23 +134,24 @@ impl HeadFile {
     /// Reads a head.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
-        let bad = |what: &dyn core::fmt::Display| mistake!(path, "{what}");
         let head: Self = from_toml(path, &text)?;
         for (section, tests) in [("tolerance", &head.tolerance), ("uncertainty", &head.uncertainty)] {
             for (test, figures) in tests {
                 if !TESTS.contains(&test.as_str()) {
                     let known = TESTS.map(|t| format!("[{section}.{t}]")).join(", ");
-                    return Err(bad(&format_args!(
+                    return Err(mistake!(
+                        path,
                         "unknown section [{section}.{test}]; expected one of {known}"
-                    )));
+                    ));
                 }
                 let wrong = |(key, v): &(&String, &f64)| {
                     !v.is_finite() || **v < 0.0 && (section == "uncertainty" || !is_lower(key))
                 };
                 if let Some((key, v)) = figures.iter().find(wrong) {
-                    return Err(bad(&format_args!(
+                    return Err(mistake!(
+                        path,
                         "[{section}.{test}] {key} = {v}: expected a finite number, 0 or above"
-                    )));
+                    ));
                 }
             }
         }
@@ -161,7 +162,7 @@ impl HeadFile {
         ];
         for (key, value, least) in numbers {
             if let Some(v) = value.filter(|v| !v.is_finite() || *v < least) {
-                return Err(bad(&format_args!("[test] {key} = {v}: expected a finite number above {least}")));
+                return Err(mistake!(path, "[test] {key} = {v}: expected a finite number above {least}"));
             }
         }
         Ok(head)

@@ -52,9 +52,7 @@ fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result
     let linear: Vec<String> = axes.iter().map(|(a, _)| format!("{a} ")).collect();
     let chain = Chain::parse(&format!("[w {table}b {}t]", linear.concat())).map_err(internal)?;
     let mut spec = ModelSpec::new(MACHINE, chain);
-    for (name, travel) in axes {
-        spec.axes.push(AxisSpec { travel: *travel, ..AxisSpec::new(*name) });
-    }
+    spec.axes.extend(axes.iter().map(|(name, travel)| AxisSpec { travel: *travel, ..AxisSpec::new(*name) }));
     if let Some(r) = rotary {
         spec.axes.push(AxisSpec::new(r.axis));
         spec.tool_tip[(r.axis.direction() + 1) % 3] = r.radius_mm;

@@ -2,7 +2,7 @@
 
 use super::Diff;
 use crate::prelude::*;
-use crate::quantities::{list, point, pose_json, pose_words, vector};
+use crate::quantities::{corrections_json, list, point, pose_json, pose_words, vector};
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 
@@ -169,9 +169,7 @@ pub(super) fn provenance(diff: &Diff) -> Vec<String> {
     let [a, b] = &diff.files;
     let mut out = Vec::new();
     describe(&mut out, "file", &a.provenance, &b.provenance);
-    let mut symbols: Vec<ErrorSymbol> = a.of_errors.iter().chain(&b.of_errors).map(|(s, _)| *s).collect();
-    symbols.sort_unstable();
-    symbols.dedup();
+    let symbols: BTreeSet<ErrorSymbol> = a.of_errors.iter().chain(&b.of_errors).map(|(s, _)| *s).collect();
     for symbol in symbols {
         let of = |list: &[(ErrorSymbol, Provenance)]| {
             list.iter().find(|(s, _)| *s == symbol).map(|(_, p)| p.clone()).unwrap_or_default()
@@ -197,11 +195,8 @@ fn describe(out: &mut Vec<String>, whose: &str, a: &Provenance, b: &Provenance) 
             ("note", text(&p.note)),
         ]
     };
-    for ((name, x), (_, y)) in fields(a).into_iter().zip(fields(b)) {
-        if x != y {
-            out.push(format!("{whose} {name}: {x} -> {y}"));
-        }
-    }
+    let changed = fields(a).into_iter().zip(fields(b)).filter(|(x, y)| x != y);
+    out.extend(changed.map(|((name, x), (_, y))| format!("{whose} {name}: {x} -> {y}")));
 }
 
 /// Everything for programs.
@@ -237,14 +232,7 @@ fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {
     let pose = |pose| pose_json(chain, pose);
     let um = |v: f64| rounded(um_from_mm(v));
     let arcsec = |v: f64| rounded(arcsec_from_rad(v));
-    let mut corrections = Map::new();
-    for (k, (axis, found)) in chain.axes().iter().map(|a| a.name).zip(&v.offsets).enumerate() {
-        if let Some(found) = found {
-            let value = offset_out(axis, found.offset[k]);
-            let entry = json!({format!("largest_{}", offset_unit(axis)): value, "at": pose(&found.pose)});
-            corrections.insert(axis.lower().to_string(), entry);
-        }
-    }
+    let offsets = v.offsets.iter().map(|d| d.as_ref().map(|d| (&d.offset[..], &d.pose)));
     json!({
         "position": {
             "largest_um": um(v.position.position.norm()),
@@ -267,7 +255,7 @@ fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {
             "shift_um": list(&v.rigid[0].map(um_from_mm)),
             "turn_arcsec": list(&v.rigid[1].map(arcsec_from_rad)),
         },
-        "corrections": corrections,
+        "corrections": corrections_json(chain, offsets),
         "poses": v.poses,
     })
 }

@@ -188,12 +188,9 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
     let Summary { rows, duration_s, .. } = summary;
     let (signals, cycle_ms) = (header.signals.len(), header.cycle_ms);
     note!("  {rows} rows of {signals} signals every {cycle_ms} ms, {duration_s:.3} s from first to last");
-    let mut axes: Vec<(u32, &str)> =
+    let axes: BTreeSet<(u32, &str)> =
         header.signals.iter().filter_map(|s| s.of_axis().map(|(_, n)| (n, s.axis.as_str()))).collect();
-    axes.sort_unstable();
-    axes.dedup();
-    let axes: Vec<String> = axes.iter().map(|(n, name)| format!("{n} ({name})")).collect();
-    note!("  axes {}", axes.join(", "));
+    note!("  axes {}", axes.iter().map(|(n, name)| format!("{n} ({name})")).joined(", "));
     for Gap { missing_cycles, after_rows, .. } in &summary.gaps {
         let lost = *missing_cycles as f64 * cycle_ms / 1e3;
         note!(

@@ -3,7 +3,7 @@
 use super::{drawing, gauge};
 use crate::check::{Size, kinds_of};
 use crate::prelude::*;
-use crate::quantities::{list, point, pose_json, pose_words, vector};
+use crate::quantities::{corrections_json, list, point, pose_json, pose_words, vector};
 use volcomp_config::model::FORMAT;
 use volcomp_model::extremes::{Extreme, Found, kept_in_place};
 use volcomp_model::spec::ReferenceBody;
@@ -123,16 +123,9 @@ impl Report<'_> {
 
     pub(super) fn as_json(&self) -> Value {
         let spec = self.spec();
-        let mut corrections = Map::new();
-        for (k, (axis, found)) in spec.chain.axes().iter().zip(&self.found.offsets).enumerate() {
-            let Some(extreme) = found else { continue };
-            let (key, value) = (
-                format!("largest_{}", offset_unit(axis.name)),
-                offset_out(axis.name, extreme.correction.offset[k]),
-            );
-            let entry = json!({key: value, "at": pose_json(&spec.chain, &extreme.pose)});
-            corrections.insert(axis.name.lower().to_string(), entry);
-        }
+        let offsets = self.found.offsets.iter();
+        let offsets = offsets.map(|e| e.as_ref().map(|e| (&e.correction.offset[..], &e.pose)));
+        let corrections = corrections_json(&spec.chain, offsets);
         let (p, r) = (&self.found.position, &self.found.rotation);
         json!({
             "format": FORMAT,

@@ -48,9 +48,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return crate::exit::print(&format!("{json:#}\n"));
     }
     let mut lines: Vec<String> = report.lines(args.verbose).iter().map(|line| micro(line)).collect();
-    for out in [&args.html, &args.svg].into_iter().flatten() {
-        lines.push(format!("written: {}", out.display()));
-    }
+    let written = [&args.html, &args.svg].into_iter().flatten();
+    lines.extend(written.map(|out| format!("written: {}", out.display())));
     if args.html.is_none() && args.svg.is_none() {
         let hint = Path::new(args.file.file_stem().unwrap_or_default()).with_extension("html");
         lines.push(format!(

@@ -391,19 +391,18 @@ fn next(page: &mut Page, r: &Report) {
 }
 
 fn limits(page: &mut Page, r: &Report) {
-    let mut pairs: Vec<String> = Vec::new();
-    for c in r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE) {
-        if !c.confounded_with.is_empty() {
-            let others = c.confounded_with.iter().map(|l| name_of_label(l)).joined(", ");
-            pairs.push(format!("{} from {others}", name(&c.effect, &c.subject)));
-        }
-    }
+    let shown = r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE);
+    let pair = |c: &Cause| {
+        let others = c.confounded_with.iter().map(|l| name_of_label(l)).joined(", ");
+        format!("{} from {others}", name(&c.effect, &c.subject))
+    };
+    let pairs = shown.filter(|c| !c.confounded_with.is_empty()).map(pair).joined("; ");
     if pairs.is_empty() && r.cannot_be_seen.is_empty() {
         return;
     }
     page.heading("What these data cannot show");
     if !pairs.is_empty() {
-        page.paragraph(format!("These data do not separate {}.", pairs.join("; ")));
+        page.paragraph(format!("These data do not separate {pairs}."));
     }
     let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
     for u in &r.cannot_be_seen {

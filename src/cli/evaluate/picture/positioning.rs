@@ -197,17 +197,12 @@ fn bracket(area: &Area<'_>, x: i32, from: i32, to: i32) -> Drawn {
 }
 
 fn draw_legend(area: &Area<'_>, result: &Positioning) -> Drawn {
-    let mut keys = Vec::new();
-    if result.forward.is_some() {
-        keys.push(Key::line(BLUE, 3, "forward, mean"));
-    }
-    if result.backward.is_some() {
-        keys.push(Key::line(VERMILLION, 3, "backward, mean"));
-    }
-    keys.push(Key::band(GREY.mix(0.35), "± 2 s"));
-    keys.push(Key::dot(GREY, "reading"));
-    if result.both.is_some() {
-        keys.push(Key::dashed(INK, 1, "mean of both"));
-    }
-    legend(area, &keys, 74, 12)
+    let keys = [
+        result.forward.map(|_| Key::line(BLUE, 3, "forward, mean")),
+        result.backward.map(|_| Key::line(VERMILLION, 3, "backward, mean")),
+        Some(Key::band(GREY.mix(0.35), "± 2 s")),
+        Some(Key::dot(GREY, "reading")),
+        result.both.map(|_| Key::dashed(INK, 1, "mean of both")),
+    ];
+    legend(area, &keys.into_iter().flatten().collect::<Vec<_>>(), 74, 12)
 }

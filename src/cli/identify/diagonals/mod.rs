@@ -264,9 +264,8 @@ fn steps_residual(
     directions: &[Travel],
 ) -> Result<Option<Steps>, DiagonalsError> {
     let mut spec = model.clone();
-    for (symbol, value) in SQUARENESS.into_iter().zip(o.found.value) {
-        spec.errors.push((symbol, ErrorFunction::single(Curve::Constant(value))));
-    }
+    let squareness = SQUARENESS.into_iter().zip(o.found.value);
+    spec.errors.extend(squareness.map(|(s, v)| (s, ErrorFunction::single(Curve::Constant(v)))));
     let length = o.setup.length();
     let (mut sum, mut n) = (0.0, 0usize);
     let (mut from_noise, mut from_model) = (0.0, 0.0);

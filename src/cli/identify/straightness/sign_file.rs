@@ -63,15 +63,9 @@ impl SignFile {
             return Err(mistake!(path, "format is \"{}\", expected \"{FORMAT}\"", wire.format));
         }
         let mut file = Self { instrument: wire.instrument, set_ups: Vec::new() };
-        let set_ups = [
-            (AxisName::X, wire.x),
-            (AxisName::Y, wire.y),
-            (AxisName::Z, wire.z),
-            (AxisName::U, wire.u),
-            (AxisName::V, wire.v),
-            (AxisName::W, wire.w),
-        ];
-        for (axis, set_up) in set_ups {
+        // in the order of all axes, of which the linear ones come first
+        let set_ups = [wire.x, wire.y, wire.z, wire.u, wire.v, wire.w];
+        for (axis, set_up) in AxisName::ALL.into_iter().zip(set_ups) {
             let Some(s) = set_up else { continue };
             let section = axis.lower();
             let mut channels = [None; 6];
