@@ -1,46 +1,29 @@
 //! Additions of `volcomp diagnose` for `volcomp predict`: their columns, row by row.
 
-use std::io::BufRead;
-use std::path::{Path, PathBuf};
-
-use super::input::{InputKind, read_text};
+use super::input::read_text;
 use super::table::Table;
-use super::{EX_DATAERR, Failure};
+use crate::prelude::*;
 use volcomp_effects::addition::{Addition, Evaluator};
 use volcomp_effects::machine_state::{Axis, Machine, MachineState, Source};
 use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Model, ModelSpec};
-use volcomp_units::{RAD_PER_DEG, mm_from_um};
+use volcomp_units::RAD_PER_DEG;
 
-/// Where a column goes.
-#[derive(Debug, Clone, Copy)]
-enum Field {
-    Time,
-    Position(usize),
-    Velocity(usize),
-    Acceleration(usize),
-    Direction(usize),
-    Since(usize),
-    SinceTime(usize),
-    Tool,
-    Range,
-    Target(usize),
-    Force(usize),
-}
+/// Where the value of a column goes.
+type Field = Box<dyn Fn(&mut MachineState, f64)>;
 
 /// Additions bound to the columns of a table.
 pub(super) struct Additions {
     evaluator: Evaluator,
     machine: Machine,
-    fields: Vec<(usize, Field, f64)>,
+    fields: Vec<(usize, Field)>,
     /// Column and factor of each source, in the order of the evaluator.
     sources: Vec<(usize, f64)>,
-    takes_length: bool,
+    /// True where some effect depends on the length of the tool: then the column is of use beside any model.
+    pub(super) takes_length: bool,
 }
 
 /// Reads an addition.
-pub(crate) fn read_addition(path: &Path) -> Result<Addition, Failure> {
+pub(crate) fn read_addition(path: &Path) -> Result<Addition> {
     let text = read_text(path, InputKind::Model)?;
     if text.trim_start().starts_with('{') {
         let format = volcomp_effects::addition::FORMAT;
@@ -62,11 +45,11 @@ pub(crate) fn read_addition(path: &Path) -> Result<Addition, Failure> {
 
 impl Additions {
     /// Reads the files; `None` without one.
-    pub(super) fn read<R: BufRead>(
+    pub(super) fn read(
         paths: &[PathBuf],
         (spec, model, hash): (&ModelSpec, &Model, &str),
-        table: &Table<R>,
-    ) -> Result<Option<Self>, Failure> {
+        table: &Table,
+    ) -> Result<Option<Self>> {
         if paths.is_empty() {
             return Ok(None);
         }
@@ -96,35 +79,15 @@ impl Additions {
         Ok(Some(Self { evaluator, machine, fields: fields(table), sources, takes_length }))
     }
 
-    /// True where some effect depends on the length of the tool: then the column is of use beside any model.
-    pub(super) const fn take_length(&self) -> bool {
-        self.takes_length
-    }
-
     /// What the additions say at the current row: deviation in W, mm.
-    pub(super) fn next<R: BufRead>(&mut self, table: &Table<R>, model: &Model) -> Result<Vec3, Failure> {
+    pub(super) fn next(&mut self, table: &Table, model: &Model) -> Result<Vec3> {
         let mut m = MachineState::default();
-        for (column, field, factor) in &self.fields {
-            let value = table.number(*column)? * factor;
-            match *field {
-                Field::Time => m.t_s = value,
-                Field::Position(i) => m.position[i] = value,
-                Field::Velocity(i) => m.velocity[i] = value,
-                Field::Acceleration(i) => m.acceleration[i] = value,
-                Field::Direction(i) => m.direction[i] = value,
-                Field::Since(i) => m.since_mm[i] = value,
-                Field::SinceTime(i) => m.since_s[i] = value,
-                Field::Tool => m.tool_length_mm = value,
-                Field::Range => m.range_mm = value,
-                Field::Target(i) => m.target_mm[i] = value,
-                Field::Force(i) => m.force_n[i] = value,
-            }
+        for (column, field) in &self.fields {
+            field(&mut m, table.number(*column)?);
         }
         m.head = self.machine.head(&m.position);
-        let mut sources = Vec::with_capacity(self.sources.len());
-        for (column, factor) in &self.sources {
-            sources.push(table.number(*column)? * factor);
-        }
+        let source = |(column, factor): &(usize, f64)| Ok(table.number(*column)? * factor);
+        let sources = self.sources.iter().map(source).collect::<Result<Vec<_>>>()?;
         let machine = self.evaluator.next(&mut m, &sources);
         Ok(workpiece_to_machine(model, &m).transpose() * machine.map(mm_from_um))
     }
@@ -132,7 +95,7 @@ impl Additions {
 
 /// An addition belongs to the machine beside whose model it was found; one that was found beside none may be looked at beside
 /// any. Another model of the same machine, told by its hash, may hold it already: that is noted.
-pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &str)) -> Result<(), Failure> {
+pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &str)) -> Result<()> {
     if addition.machine.is_empty() {
         return Ok(());
     }
@@ -144,33 +107,29 @@ pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &s
 }
 
 /// Positions of axes that the points lack are zero (`docs/reference/tables.md` 1).
-fn is_still<R: BufRead>(column: &str, table: &Table<R>) -> bool {
+fn is_still(column: &str, table: &Table) -> bool {
     Axis::ALL.iter().any(|a| a.column() == column) && table.find(column).is_none()
 }
 
-fn fields<R: BufRead>(table: &Table<R>) -> Vec<(usize, Field, f64)> {
+fn fields(table: &Table) -> Vec<(usize, Field)> {
     let mut all = Vec::new();
-    let mut add = |name: String, field: Field, factor: f64| {
-        if let Some(i) = table.find(&name) {
-            all.push((i, field, factor));
-        }
-    };
+    let mut add = |name: String, field: Field| all.extend(table.find(&name).map(|column| (column, field)));
     for axis in Axis::ALL {
         let (i, linear) = (axis.slot(), axis.is_linear());
         let (unit, factor) = if linear { ("mm", 1.0) } else { ("deg", RAD_PER_DEG) };
-        add(axis.column(), Field::Position(i), factor);
-        add(format!("v{axis}_{unit}_per_s"), Field::Velocity(i), factor);
-        add(format!("a{axis}_{unit}_per_s2"), Field::Acceleration(i), factor);
-        add(format!("dir_{axis}"), Field::Direction(i), 1.0);
-        add(format!("since_reversal_{axis}_{unit}"), Field::Since(i), factor);
-        add(format!("since_reversal_{axis}_s"), Field::SinceTime(i), 1.0);
+        add(axis.column(), Box::new(move |m, v| m.position[i] = v * factor));
+        add(format!("v{axis}_{unit}_per_s"), Box::new(move |m, v| m.velocity[i] = v * factor));
+        add(format!("a{axis}_{unit}_per_s2"), Box::new(move |m, v| m.acceleration[i] = v * factor));
+        add(format!("dir_{axis}"), Box::new(move |m, v| m.direction[i] = v));
+        add(format!("since_reversal_{axis}_{unit}"), Box::new(move |m, v| m.since_mm[i] = v * factor));
+        add(format!("since_reversal_{axis}_s"), Box::new(move |m, v| m.since_s[i] = v));
         if linear {
-            add(format!("target_{axis}_mm"), Field::Target(i), 1.0);
-            add(format!("force_{axis}_n"), Field::Force(i), 1.0);
+            add(format!("target_{axis}_mm"), Box::new(move |m, v| m.target_mm[i] = v));
+            add(format!("force_{axis}_n"), Box::new(move |m, v| m.force_n[i] = v));
         }
     }
-    add("t_s".to_owned(), Field::Time, 1.0);
-    add("tool_length_mm".to_owned(), Field::Tool, 1.0);
-    add("range_mm".to_owned(), Field::Range, 1.0);
+    add("t_s".to_owned(), Box::new(|m, v| m.t_s = v));
+    add("tool_length_mm".to_owned(), Box::new(|m, v| m.tool_length_mm = v));
+    add("range_mm".to_owned(), Box::new(|m, v| m.range_mm = v));
     all
 }

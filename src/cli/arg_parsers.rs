@@ -3,8 +3,8 @@
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use volcomp_daemon::socket::check_reason;
 use volcomp_formats::text::finite;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::{AxisKind, AxisName};
+
+use crate::prelude::*;
 
 /// An axis by its letter.
 pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {

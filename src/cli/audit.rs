@@ -1,25 +1,15 @@
 //! `audit verify` and `audit show`: the log of who did what, and the proof that it is whole.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::json;
-
-use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, status};
+use super::status;
+use crate::prelude::*;
 use volcomp_daemon::audit::{AUDIT_FILE, Broken, Line, Summary, head_path, verify_with};
 
 /// Where the daemon of the shipped unit keeps it.
 const DEFAULT_FILE: &str = "/var/lib/volcomp/audit.jsonl";
 
-/// Read the audit log of volcompd: who did what, when, why, and with which model.
-#[derive(Debug, clap::Parser)]
-pub(super) struct Args {
-    #[command(subcommand)]
-    verb: Verb,
-}
-
 subcommands! {
-    enum Verb {
+    /// Read the audit log of volcompd: who did what, when, why, and with which model.
+    pub(super) enum Verb {
         /// Checks that no line was changed, taken out, put in or cut off; exit code 65 names the line.
         Verify(VerifyArgs) => verify,
         /// Shows the log.
@@ -38,7 +28,7 @@ struct WhichLog {
 }
 
 #[derive(Debug, clap::Args)]
-struct VerifyArgs {
+pub(super) struct VerifyArgs {
     #[command(flatten)]
     which: WhichLog,
     /// A log without the file audit.head beside it is accepted, though lines cut off at its end cannot be seen then.
@@ -50,7 +40,7 @@ struct VerifyArgs {
 }
 
 #[derive(Debug, clap::Args)]
-struct ShowArgs {
+pub(super) struct ShowArgs {
     #[command(flatten)]
     which: WhichLog,
     /// Only the last lines.
@@ -61,12 +51,8 @@ struct ShowArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    args.verb.run()
-}
-
 /// The log that is meant.
-fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
+fn log_of(which: &WhichLog) -> Result<PathBuf> {
     if let Some(file) = &which.file {
         return Ok(file.clone());
     }
@@ -77,7 +63,7 @@ fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
     Ok(config.with_file_name(directory).join(AUDIT_FILE))
 }
 
-fn verify(args: &VerifyArgs) -> Result<(), Failure> {
+fn verify(args: &VerifyArgs) -> Result<()> {
     let path = log_of(&args.which)?;
     let file = path.display();
     let text = input::read(&path, InputKind::AuditLog)?;
@@ -117,7 +103,7 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
     }
 }
 
-fn show(args: &ShowArgs) -> Result<(), Failure> {
+fn show(args: &ShowArgs) -> Result<()> {
     let path = log_of(&args.which)?;
     let text = input::read_text(&path, InputKind::AuditLog)?;
     let lines: Vec<&str> = text.lines().collect();
@@ -144,20 +130,14 @@ fn not_a_line(path: &Path, line: usize, error: &serde_json::Error) -> Failure {
 /// One line for a person: control characters in what others wrote are shown, not carried out.
 fn human(line: &Line) -> String {
     let name = line.who.name.clone().or_else(|| line.who.uid.map(|uid| format!("uid {uid}")));
-    let mut text =
-        format!("{:>5} {} {:<10} {}", line.seq, line.time, name.unwrap_or_else(|| "?".to_owned()), line.what);
-    text.push_str(&format!(": {}", line.result));
-    if let Some(why) = &line.why {
-        text.push_str(&format!(" (why: {why})"));
-    }
-    if let Some(old) = &line.old_model {
-        text.push_str(&format!(" old model {}", &old.chars().take(12).collect::<String>()));
-    }
-    if let Some(new) = &line.new_model {
-        text.push_str(&format!(" model {}", &new.chars().take(12).collect::<String>()));
-    }
-    if let Some(detail) = &line.detail {
-        text.push_str(&format!("; {detail}"));
-    }
+    let Line { seq, time, what, result, .. } = line;
+    let parts = [
+        Some(format!("{seq:>5} {time} {:<10} {what}: {result}", name.unwrap_or_else(|| "?".to_owned()))),
+        line.why.as_ref().map(|why| format!(" (why: {why})")),
+        line.old_model.as_ref().map(|old| format!(" old model {old:.12}")),
+        line.new_model.as_ref().map(|new| format!(" model {new:.12}")),
+        line.detail.as_ref().map(|detail| format!("; {detail}")),
+    ];
+    let text = parts.into_iter().flatten().joined("");
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

@@ -1,9 +1,6 @@
 //! `volcomp bench`: what a cycle costs on this computer.
 
-use std::path::PathBuf;
-
-use super::input::{self, InputKind};
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
+use crate::prelude::*;
 use volcomp_daemon::SelfBenchmarkError;
 
 /// Nanoseconds in a microsecond.
@@ -29,10 +26,9 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if !(1..=CYCLES_MAX).contains(&args.cycles) {
-        let message = format_args!("error: --cycles {}; give 1 to {CYCLES_MAX}", args.cycles);
-        return Err(Failure::new(EX_USAGE, message));
+        return Err(usage!("--cycles {}; give 1 to {CYCLES_MAX}", args.cycles));
     }
     input::check(&args.config, InputKind::Machine)?;
     let loaded = volcomp_daemon::load(&args.config)

@@ -1,20 +1,9 @@
 //! `volcomp correct`: a part program with corrected positions.
 
-use std::path::PathBuf;
-
-use clap::Parser;
-use serde_json::{Map, Value, json};
-
-use super::arg_parsers::{above_zero, axis_letter, number};
-use super::files::{read_model, write_text};
-use super::input::{self, InputKind};
-use super::numerals::counted;
-use super::quantities::{offset_as_is, offset_unit};
-use super::{EX_DATAERR, Failure};
+use super::quantities::offset_as_is;
+use crate::prelude::*;
 use volcomp_formats::part_program::{Corrected, Request, correct};
-use volcomp_model::Model;
-use volcomp_units::axes::{AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, rad_from_arcsec, um_from_mm};
+use volcomp_units::axes::MAX_AXES;
 
 /// Correct the positions of a part program by a model, block by block
 ///
@@ -23,7 +12,7 @@ use volcomp_units::{mm_from_um, rad_from_arcsec, um_from_mm};
 /// (G2, G3, G5), incremental mode (G91), cutter compensation (G41, G42), canned cycles, tool length offsets and
 /// tool-centre-point motion (G43), inches, subprograms, variables, unknown G codes; and positions or corrections beyond travel
 /// or limit.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// The model file.
     #[arg(long, value_name = "FILE")]
@@ -67,7 +56,7 @@ fn at(text: &str) -> Result<(AxisName, f64), String> {
     Ok((axis_letter(axis)?, number(value)?))
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if args.json && args.out.as_os_str() == "-" {
         return Err(Failure::usage("--json and --out - cannot both go to stdout"));
     }
@@ -110,7 +99,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         );
     }
     if args.json {
-        say!("{:#}", Value::Object(as_json(&model, &corrected)));
+        say!("{:#}", as_json(&model, &corrected));
     } else if args.out.as_os_str() != "-" {
         print(args, &model, &corrected);
     }
@@ -123,22 +112,18 @@ fn largest(model: &Model, corrected: &Corrected) -> Vec<(AxisName, &'static str,
     model.axes().map(|a| a.name).zip(&corrected.largest).map(of).collect()
 }
 
-fn as_json(model: &Model, corrected: &Corrected) -> Map<String, Value> {
-    let mut out = Map::from_iter([
-        ("blocks".to_owned(), json!(corrected.blocks)),
-        ("blocks_out".to_owned(), json!(corrected.blocks_out)),
-        ("rest_line".to_owned(), json!(corrected.rest_line)),
-    ]);
+fn as_json(model: &Model, corrected: &Corrected) -> Value {
+    let mut out = fields!(corrected; blocks, blocks_out, rest_line);
     let held = model.axes().map(|a| a.name).zip(corrected.held).filter_map(|(axis, held)| {
         let (blocks, line) = held?;
         Some(json!({"axis": axis.lower().to_string(), "blocks": blocks, "line": line}))
     });
-    out.insert("held".to_owned(), held.collect());
+    out["held"] = held.collect();
     for (axis, unit, value) in largest(model, corrected) {
-        out.insert(format!("largest_{}_{unit}", axis.lower()), json!(value));
+        out[format!("largest_{}_{unit}", axis.lower())] = json!(value);
     }
     for (direction, rest) in ["x", "y", "z"].into_iter().zip(corrected.rest.iter()) {
-        out.insert(format!("rest_{direction}_um"), json!(um_from_mm(*rest)));
+        out[format!("rest_{direction}_um")] = json!(um_from_mm(*rest));
     }
     out
 }

@@ -1,8 +1,6 @@
 //! The arguments of `volcompd`, and its exit codes.
 
-use std::path::PathBuf;
-
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
+use crate::prelude::*;
 use volcomp_daemon::{DaemonError, LogError};
 
 /// Compensates the geometric errors of one machine tool: connects to its control and answers every position with
@@ -17,7 +15,7 @@ pub(super) struct Args {
     config: PathBuf,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     volcomp_daemon::run(&args.config).map_err(|error| Failure::new(exit_code(&error), &error))
 }
 

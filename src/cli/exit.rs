@@ -12,6 +12,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use volcomp_config::ConfigErrors;
 
+use super::Result;
 use super::numerals::micro;
 
 /// Wrong usage.
@@ -122,7 +123,7 @@ pub(super) fn reader_gone() -> bool {
 }
 
 /// Writes text to stdout; a reader that has seen enough (`| head`) is no failure.
-pub(super) fn print(text: &str) -> Result<(), Failure> {
+pub(super) fn print(text: &str) -> Result<()> {
     match std::io::stdout().lock().write_all(text.as_bytes()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::io(Path::new("stdout"), &e)),
         _ => Ok(()),
@@ -154,7 +155,7 @@ pub fn note_text(text: fmt::Arguments<'_>) {
 ///
 /// # Errors
 /// Something was lost.
-pub fn output_complete() -> Result<(), Failure> {
+pub fn output_complete() -> Result<()> {
     let flushed = std::io::stdout().lock().flush();
     let lost = flushed.is_err_and(|e| e.kind() != ErrorKind::BrokenPipe);
     if lost || OUTPUT_LOST.load(Ordering::Relaxed) {
@@ -182,7 +183,7 @@ pub fn not_parsed(error: &clap::Error) -> ExitCode {
 pub(super) fn run<A: Parser>(
     command: clap::Command,
     args: impl IntoIterator<Item = OsString>,
-    body: impl FnOnce(A) -> Result<(), Failure>,
+    body: impl FnOnce(A) -> Result<()>,
 ) -> ExitCode {
     let parsed = match super::ranges::parse_with::<A>(command, args) {
         Ok(parsed) => parsed,

@@ -1,8 +1,6 @@
 //! `volcomp explain`: what a number in status, log or audit means, and what to do.
 
-use serde_json::json;
-
-use super::Failure;
+use crate::prelude::*;
 use volcomp_engine::fault::{CATALOGUE, Code, Entry, named};
 
 /// Explain a number or name from status, log or audit: cause, reaction, remedy.
@@ -19,7 +17,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let entries = if args.code.is_empty() {
         CATALOGUE.iter().collect()
     } else {
@@ -45,20 +43,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn find(text: &str) -> Result<&'static Entry, Failure> {
+fn find(text: &str) -> Result<&'static Entry> {
     Code::parse(text).and_then(Code::entry).or_else(|| named(text)).ok_or_else(|| {
         usage!("{text} is not a number or name that volcomp uses; volcomp explain lists them all")
     })
 }
 
 fn as_json(e: &Entry) -> serde_json::Value {
-    json!({
-        "code": e.code.to_string(),
-        "name": e.name,
-        "severity": e.severity.name(),
-        "text": e.text,
-        "cause": e.cause,
-        "reaction": e.reaction,
-        "remedy": e.remedy,
-    })
+    let mut json = fields!(e; name, text, cause, reaction, remedy);
+    json["code"] = e.code.to_string().into();
+    json["severity"] = e.severity.name().into();
+    json
 }

@@ -5,31 +5,36 @@
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
 
-use super::Failure;
-use super::input::{self, InputKind};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
-use volcomp_model::{Model, ModelSpec};
+use crate::prelude::*;
+
+/// What a description in TOML holds.
+pub(super) fn from_toml<T: serde::de::DeserializeOwned>(path: &Path, text: &str) -> Result<T> {
+    toml::from_str(text.strip_prefix('\u{feff}').unwrap_or(text)).map_err(|e| mistake!(path, "{e}"))
+}
 
 /// Reads a model file with what it says about its origin.
-pub(super) fn read_model_file(path: &Path) -> Result<ModelFile, Failure> {
+pub(super) fn read_model_file(path: &Path) -> Result<ModelFile> {
+    read_hashed_model_file(path).map(|(file, _)| file)
+}
+
+/// The same, with the BLAKE3 of the file as hexadecimal digits.
+pub(super) fn read_hashed_model_file(path: &Path) -> Result<(ModelFile, String)> {
     let text = input::read_text(path, InputKind::Model)?;
-    Ok(config::model::parse_file(&path.display().to_string(), &text)?)
+    let file = config::model::parse_file(&path.display().to_string(), &text)?;
+    Ok((file, blake3::hash(text.as_bytes()).to_hex().to_string()))
 }
 
 /// Reads and compiles a model file.
-pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model), Failure> {
+pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model)> {
     read_hashed_model(path).map(|(spec, model, _)| (spec, model))
 }
 
 /// Reads and compiles a model file; with the BLAKE3 of the file as hexadecimal digits.
-pub(super) fn read_hashed_model(path: &Path) -> Result<(ModelSpec, Model, String), Failure> {
-    let text = input::read_text(path, InputKind::Model)?;
-    let spec = config::model::parse(&path.display().to_string(), &text)?;
+pub(super) fn read_hashed_model(path: &Path) -> Result<(ModelSpec, Model, String)> {
+    let (ModelFile { spec, .. }, hash) = read_hashed_model_file(path)?;
     let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
-    Ok((spec, model, blake3::hash(text.as_bytes()).to_hex().to_string()))
+    Ok((spec, model, hash))
 }
 
 /// An output that appears under its name only when finished; `-` is standard output, as is anything written
@@ -43,13 +48,13 @@ pub(super) enum Output {
 
 impl Output {
     /// Opens the output; refuses a file that the command has read.
-    pub(super) fn create(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn create(path: &Path) -> Result<Self> {
         super::targets::check(path)?;
         Self::replace(path)
     }
 
     /// The same for a file that the command may replace with its successor.
-    fn replace(path: &Path) -> Result<Self, Failure> {
+    fn replace(path: &Path) -> Result<Self> {
         if path.as_os_str() == "-" {
             return Ok(Self::Through(Box::new(io::stdout().lock()), PathBuf::from("<stdout>")));
         }
@@ -67,7 +72,7 @@ impl Output {
     }
 
     /// Puts the finished output in its place.
-    pub(super) fn finish(mut self) -> Result<(), Failure> {
+    pub(super) fn finish(mut self) -> Result<()> {
         match &mut self {
             Self::Through(out, path) => out.flush().map_err(|e| Failure::io(path, &e)),
             Self::Beside { file, temporary, target, finished } => {
@@ -113,12 +118,12 @@ impl Drop for Output {
 }
 
 /// Writes a whole file; refuses one that the command has read.
-pub(super) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
     write_whole(Output::create(path)?, path, text)
 }
 
 /// Writes the continuation of the file `before`, which it may replace.
-pub(super) fn continue_text(before: Option<&Path>, path: &Path, text: &str) -> Result<(), Failure> {
+pub(super) fn continue_text(before: Option<&Path>, path: &Path, text: &str) -> Result<()> {
     if before == Some(path) {
         write_whole(Output::replace(path)?, path, text)
     } else {
@@ -127,12 +132,12 @@ pub(super) fn continue_text(before: Option<&Path>, path: &Path, text: &str) -> R
 }
 
 /// Writes a model file; refuses to replace a file that is none.
-pub(super) fn write_model(path: &Path, text: &str) -> Result<(), Failure> {
+pub(super) fn write_model(path: &Path, text: &str) -> Result<()> {
     super::targets::check_model(path)?;
     write_whole(Output::replace(path)?, path, text)
 }
 
-fn write_whole(mut output: Output, path: &Path, text: &str) -> Result<(), Failure> {
+fn write_whole(mut output: Output, path: &Path, text: &str) -> Result<()> {
     output.write_all(text.as_bytes()).map_err(|e| Failure::io(path, &e))?;
     output.finish()
 }
@@ -150,7 +155,7 @@ impl Rows {
     const BLOCK: usize = 1 << 16;
 
     /// Opens the output.
-    pub(super) fn create(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn create(path: &Path) -> Result<Self> {
         Ok(Self {
             output: Output::create(path)?,
             block: Vec::with_capacity(Self::BLOCK + 4096),
@@ -164,14 +169,14 @@ impl Rows {
     }
 
     /// Ends a row.
-    pub(super) fn row_end(&mut self) -> Result<(), Failure> {
+    pub(super) fn row_end(&mut self) -> Result<()> {
         self.is_begun = true;
         self.block.push(b'\n');
         if self.block.len() >= Self::BLOCK { self.flush() } else { Ok(()) }
     }
 
     /// Writes what is gathered; where the reader of a pipe has gone, the work ends quietly.
-    pub(super) fn flush(&mut self) -> Result<(), Failure> {
+    pub(super) fn flush(&mut self) -> Result<()> {
         let done = self.output.write_all(&self.block);
         self.block.clear();
         done.map_err(|e| match e.kind() {
@@ -181,7 +186,7 @@ impl Rows {
     }
 
     /// Writes the rest and puts the output in its place.
-    pub(super) fn finish(mut self) -> Result<(), Failure> {
+    pub(super) fn finish(mut self) -> Result<()> {
         self.flush()?;
         self.output.finish()
     }

@@ -1,10 +1,9 @@
 //! `gateway`: the status for shop-floor systems.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::status::{machine, socket_of};
-use super::{EX_CONFIG, EX_IOERR, Failure};
+use crate::prelude::*;
 use volcomp_gateway::GatewayError;
 
 /// Publish the status by MQTT and as an MTConnect adapter (SHDR), read-only, until stopped
@@ -25,7 +24,7 @@ pub(super) struct Args {
     socket: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let config = machine(&args.config)?;
     let socket = match &args.socket {
         Some(socket) => socket.clone(),

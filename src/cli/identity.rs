@@ -1,8 +1,6 @@
 //! What `check` has to say about how the link and the commands by HTTP are protected.
 
-use std::path::Path;
-
-use volcomp_config::MachineConfig;
+use crate::prelude::*;
 use volcomp_daemon::{http_token, identity};
 
 /// Something wrong with the files of `[link.tls]` or the token of `[http]`.

@@ -7,12 +7,11 @@
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufReader, Cursor, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use rustix::fs::OFlags;
 
-use super::{EX_DATAERR, EX_IOERR, Failure};
+use crate::prelude::*;
 
 /// Longest wait for the writer of a FIFO.
 const WRITER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -119,7 +118,7 @@ impl InputKind {
     ///
     /// # Errors
     /// The text is too large.
-    pub(super) fn check_length(self, path: &Path, bytes: usize) -> Result<(), Failure> {
+    pub(super) fn check_length(self, path: &Path, bytes: usize) -> Result<()> {
         let bytes = bytes as u64;
         if bytes <= self.limit() {
             return Ok(());
@@ -210,7 +209,7 @@ impl Read for Input {
 /// # Errors
 /// The file cannot be opened, is a directory, is a FIFO that nobody writes, or is larger than its kind allows.
 #[expect(clippy::disallowed_methods, reason = "the one place that opens files to read")]
-pub fn open(path: &Path, kind: InputKind) -> Result<Input, Failure> {
+pub fn open(path: &Path, kind: InputKind) -> Result<Input> {
     if path.as_os_str() == "-" {
         return Ok(Input::new(Box::new(io::stdin().lock()), kind, None));
     }
@@ -236,7 +235,7 @@ pub fn open(path: &Path, kind: InputKind) -> Result<Input, Failure> {
 
 /// Waits until a FIFO has a writer; gives what has been read meanwhile.
 #[expect(clippy::disallowed_methods, reason = "the wait for the writer of a FIFO takes real time")]
-fn first_bytes(path: &Path, mut file: &File) -> Result<Vec<u8>, Failure> {
+fn first_bytes(path: &Path, mut file: &File) -> Result<Vec<u8>> {
     // a pipe of the shell, `<(...)`, has no path of its own: its end is an end
     let is_anonymous = path.canonicalize().is_err();
     let begun = Instant::now();
@@ -269,12 +268,12 @@ fn first_bytes(path: &Path, mut file: &File) -> Result<Vec<u8>, Failure> {
 ///
 /// # Errors
 /// See [`open`]; or the file cannot be read.
-pub fn read(path: &Path, kind: InputKind) -> Result<Vec<u8>, Failure> {
+pub fn read(path: &Path, kind: InputKind) -> Result<Vec<u8>> {
     read_rest(path, open(path, kind)?, Vec::new())
 }
 
 /// What is left of an input behind `bytes`.
-pub(super) fn read_rest(path: &Path, mut input: Input, mut bytes: Vec<u8>) -> Result<Vec<u8>, Failure> {
+pub(super) fn read_rest(path: &Path, mut input: Input, mut bytes: Vec<u8>) -> Result<Vec<u8>> {
     let io = |e: &io::Error| Failure::io(path, e);
     let missing = usize::try_from(input.length.unwrap_or_default()).unwrap_or(usize::MAX);
     reserve(path, &mut bytes, missing.saturating_add(1))?;
@@ -294,7 +293,7 @@ pub(super) fn read_rest(path: &Path, mut input: Input, mut bytes: Vec<u8>) -> Re
 }
 
 /// Makes room without ending the program where there is none.
-fn reserve(path: &Path, bytes: &mut Vec<u8>, more: usize) -> Result<(), Failure> {
+fn reserve(path: &Path, bytes: &mut Vec<u8>, more: usize) -> Result<()> {
     bytes.try_reserve_exact(more).map_err(|_| {
         failure!(
             EX_IOERR,
@@ -309,12 +308,12 @@ fn reserve(path: &Path, bytes: &mut Vec<u8>, more: usize) -> Result<(), Failure>
 ///
 /// # Errors
 /// See [`read`]; or the file is not UTF-8.
-pub fn read_text(path: &Path, kind: InputKind) -> Result<String, Failure> {
+pub fn read_text(path: &Path, kind: InputKind) -> Result<String> {
     text_of(path, read(path, kind)?)
 }
 
 /// The text of a file that was read.
-pub(super) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String, Failure> {
+pub(super) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String> {
     String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
         failure!(EX_DATAERR, "{}:{line}: not UTF-8 text; save the file as UTF-8", path.display())
@@ -325,7 +324,7 @@ pub(super) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String, Failure> {
 ///
 /// # Errors
 /// See [`read`].
-pub(super) fn head(path: &Path, kind: InputKind, most: u64) -> Result<Vec<u8>, Failure> {
+pub(super) fn head(path: &Path, kind: InputKind, most: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path, kind)?.take(most).read_to_end(&mut bytes).map_err(|e| Failure::io(path, &e))?;
     Ok(bytes)
@@ -338,7 +337,7 @@ pub(super) fn is_regular(path: &Path) -> bool {
 }
 
 /// Refuses what is no regular file within its limit, for a file that another part of the program reads.
-pub(super) fn check(path: &Path, kind: InputKind) -> Result<(), Failure> {
+pub(super) fn check(path: &Path, kind: InputKind) -> Result<()> {
     open(path, kind)?;
     if is_regular(path) {
         return Ok(());

@@ -41,16 +41,22 @@ macro_rules! mistake {
     ($file:expr, $($text:tt)*) => { $crate::Failure::mistake(&$file, format_args!($($text)*)) };
 }
 
+/// An object with fields of a struct under their own names.
+macro_rules! fields {
+    ($of:expr; $($name:ident),*) => { serde_json::json!({ $(stringify!($name): $of.$name),* }) };
+}
+
 /// Subcommands with what runs them.
 macro_rules! subcommands {
-    (enum $name:ident {
+    ($(#[$about:meta])* $shown:vis enum $name:ident {
         $($(#[$meta:meta])* $verb:ident($args:ty) => $run:path $(where feature = $feature:literal)?,)*
     }) => {
         #[derive(Debug, clap::Subcommand)]
-        enum $name { $($(#[cfg(feature = $feature)])? $(#[$meta])* $verb($args),)* }
+        $(#[$about])*
+        $shown enum $name { $($(#[cfg(feature = $feature)])? $(#[$meta])* $verb($args),)* }
 
         impl $name {
-            fn run(&self) -> Result<(), $crate::Failure> {
+            $shown fn run(&self) -> Result<(), $crate::Failure> {
                 match self { $($(#[cfg(feature = $feature)])? Self::$verb(args) => $run(args),)* }
             }
         }
@@ -87,6 +93,7 @@ mod numerals;
 mod operator_commands;
 mod positioning_data;
 mod predict;
+mod prelude;
 mod progress;
 mod quantities;
 mod ranges;
@@ -141,13 +148,16 @@ subcommands! {
         Predict(predict::Args) => predict::run,
         Correct(Box<correct::Args>) => correct::run,
         Fit(Box<fit::Args>) => fit::run,
-        Identify(identify::Args) => identify::run,
+        #[command(subcommand)]
+        Identify(identify::Chosen) => identify::Chosen::run,
         Import(Box<import::Args>) => import::run,
         Export(Box<export::Args>) => export::run,
-        Evaluate(evaluate::Args) => evaluate::run,
+        #[command(subcommand)]
+        Evaluate(evaluate::Test) => evaluate::Test::run,
         Verify(verify::Args) => verify::run,
         Diagnose(Box<diagnose::Args>) => diagnose::run where feature = "diagnosis",
-        Model(model::Args) => model::run,
+        #[command(subcommand)]
+        Model(model::Verb) => model::Verb::run,
         Explain(explain::Args) => explain::run,
         Diff(diff::Args) => diff::run,
         Status(status::StatusArgs) => status::status,
@@ -158,8 +168,10 @@ subcommands! {
         Load(operator_commands::LoadArgs) => operator_commands::load,
         Rollback(operator_commands::RollbackArgs) => operator_commands::rollback,
         Replay(replay::Args) => replay::run,
-        Audit(audit::Args) => audit::run,
-        Filter(filter::Args) => filter::run,
+        #[command(subcommand)]
+        Audit(audit::Verb) => audit::Verb::run,
+        #[command(subcommand)]
+        Filter(filter::What) => filter::What::run,
         Gateway(gateway::Args) => gateway::run,
         Schema(schema::Args) => schema::run,
     }

@@ -1,15 +1,7 @@
 //! Writer of the model file of `fit` and `identify`: a new one, or an existing one with some errors replaced.
 
-use std::path::{Path, PathBuf};
-
-use super::files::{read_model_file, write_model};
-use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, targets};
-use volcomp_config as config;
-use volcomp_config::{ModelFile, Provenance, SourceEntry};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
+use super::targets;
+use crate::prelude::*;
 
 /// Where the model goes and what it starts from.
 #[derive(Debug, clap::Args)]
@@ -40,14 +32,14 @@ impl ModelWriter {
     }
 
     /// Reads --into and looks at the target before any work is done.
-    pub(super) fn check(&self) -> Result<Option<ModelFile>, Failure> {
+    pub(super) fn check(&self) -> Result<Option<ModelFile>> {
         self.target().map_or(Ok(()), targets::check_model)?;
         self.into.as_ref().map(|path| read_model_file(path)).transpose()
     }
 
     /// The model before anything was found: that of --into with its provenance, or an empty one with the chain of
     /// --chain, else `default_chain`.
-    pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile, Failure> {
+    pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile> {
         let mut file = match &self.into {
             Some(path) => read_model_file(path)?,
             None => {
@@ -79,12 +71,7 @@ impl ModelWriter {
 
     /// Checks the model and writes it to [`target`](Self::target); `comment` says where it came from, `files` are named in
     /// errors. Names the points of rotary axes that nobody stated.
-    pub(super) fn write(
-        &self,
-        model: &ModelFile,
-        comment: &[String],
-        files: &[PathBuf],
-    ) -> Result<(), Failure> {
+    pub(super) fn write(&self, model: &ModelFile, comment: &[String], files: &[PathBuf]) -> Result<()> {
         // an axis of the model before has the point that was written there
         let before = self.into.as_ref().map(|path| read_model_file(path)).transpose()?;
         self.write_from(before.as_ref().map(|file| &file.spec), model, comment, files)
@@ -97,11 +84,9 @@ impl ModelWriter {
         model: &ModelFile,
         comment: &[String],
         files: &[PathBuf],
-    ) -> Result<(), Failure> {
+    ) -> Result<()> {
         Model::new(&model.spec).map_err(|e| data_error(files, e))?;
-        let Some(out) = self.target() else {
-            return Err(usage!("neither --out nor --into is given"));
-        };
+        let out = self.target().ok_or_else(|| usage!("neither --out nor --into is given"))?;
         warn_of_axis_points(before, &model.spec, out);
         write_model(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());
@@ -129,8 +114,8 @@ fn warn_of_axis_points(before: Option<&ModelSpec>, spec: &ModelSpec, out: &Path)
 
 /// Bad data in one of several files.
 pub(super) fn data_error(files: &[PathBuf], what: impl core::fmt::Display) -> Failure {
-    let names: Vec<String> = files.iter().map(|p| p.display().to_string()).collect();
-    failure!(EX_DATAERR, "{}: {what}", names.join(", "))
+    let names = files.iter().map(|p| p.display()).joined(", ");
+    failure!(EX_DATAERR, "{names}: {what}")
 }
 
 /// Puts an error in its place, with where it came from.
@@ -165,9 +150,9 @@ pub(super) fn default_chain(measured: impl IntoIterator<Item = AxisName>) -> Str
     }
     // the spindle is the last axis and stands in parentheses
     axes.sort_by_key(|a| *a == AxisName::S);
-    let words: Vec<String> =
-        axes.iter().map(|a| if *a == AxisName::S { "(S)".to_owned() } else { a.to_string() }).collect();
-    format!("[w b {} t]", words.join(" "))
+    let words =
+        axes.iter().map(|a| if *a == AxisName::S { "(S)".to_owned() } else { a.to_string() }).joined(" ");
+    format!("[w b {words} t]")
 }
 
 /// The data that errors are made from: names and hashes of the contents.

@@ -1,5 +1,7 @@
 //! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`; and their extremes.
 
+use core::fmt::{Display, Write as _};
+
 /// `1 reading`, `2 readings`.
 pub(crate) fn counted(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
@@ -38,6 +40,21 @@ pub(crate) fn signed(v: f64, decimals: usize) -> String {
     if is_zero || text.starts_with('-') { text } else { format!("+{text}") }
 }
 
+/// Words that are joined to a list.
+pub(crate) trait Joined: Iterator<Item: Display> + Sized {
+    /// The items with `separator` between them.
+    fn joined(self, separator: &str) -> String {
+        let mut text = String::new();
+        for (k, item) in self.enumerate() {
+            // writing to a string cannot fail
+            let _ = write!(text, "{}{item}", if k > 0 { separator } else { "" });
+        }
+        text
+    }
+}
+
+impl<I: Iterator<Item: Display>> Joined for I {}
+
 /// Lowest and highest of some values; infinite where there is none.
 pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
     let ends = (f64::INFINITY, f64::NEG_INFINITY);
@@ -64,7 +81,7 @@ fn micro_line(line: &str) -> String {
         is_after_number = bare.ends_with(|c: char| c.is_ascii_digit());
         if is_unit { w.replacen('u', "µ", 1) } else { w.to_owned() }
     };
-    line.split(' ').map(word).collect::<Vec<_>>().join(" ")
+    line.split(' ').map(word).joined(" ")
 }
 
 #[cfg(test)]

@@ -1,24 +1,21 @@
 //! `enable`, `disable`, `gain`, `load`, `rollback`: commands to a running daemon.
 
-use std::path::PathBuf;
-
-use super::input::{self, InputKind};
 use super::status::{Which, failure, json, socket};
-use super::{EX_DATAERR, Failure};
+use crate::prelude::*;
 use volcomp_daemon::client::{self, ClientError};
 use volcomp_daemon::socket::{Answer, Ask, SentModel, Verb};
 
 /// What every order has.
 #[derive(Debug, clap::Args)]
-struct Common {
+pub(super) struct Common {
     #[command(flatten)]
-    which: Which,
+    pub(super) which: Which,
     /// Why, for the audit log; at most 1 KiB.
     #[arg(long, value_name = "TEXT", value_parser = super::arg_parsers::reason)]
-    reason: Option<String>,
+    pub(super) reason: Option<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Switch compensation on: it is ramped in as soon as the machine is ready; prints the state that follows.
@@ -94,7 +91,7 @@ pub(super) struct RollbackArgs {
     common: Common,
 }
 
-pub(super) fn enable(args: &EnableArgs) -> Result<(), Failure> {
+pub(super) fn enable(args: &EnableArgs) -> Result<()> {
     clear_fault(args.clear_fault, &args.common)?;
     let ask = Ask {
         command: Verb::Enable,
@@ -106,16 +103,16 @@ pub(super) fn enable(args: &EnableArgs) -> Result<(), Failure> {
     send(ask, &args.common)
 }
 
-pub(super) fn disable(args: &DisableArgs) -> Result<(), Failure> {
+pub(super) fn disable(args: &DisableArgs) -> Result<()> {
     clear_fault(args.clear_fault, &args.common)?;
     send(Ask { command: Verb::Disable, ..Ask::default() }, &args.common)
 }
 
-pub(super) fn gain(args: &GainArgs) -> Result<(), Failure> {
+pub(super) fn gain(args: &GainArgs) -> Result<()> {
     send(Ask { command: Verb::Gain, gain: Some(args.gain), ..Ask::default() }, &args.common)
 }
 
-pub(super) fn load(args: &LoadArgs) -> Result<(), Failure> {
+pub(super) fn load(args: &LoadArgs) -> Result<()> {
     let text = input::read_text(&args.model, InputKind::Model)?;
     // the daemon shows this name later, wherever it was typed
     let origin =
@@ -124,11 +121,11 @@ pub(super) fn load(args: &LoadArgs) -> Result<(), Failure> {
     send(Ask { command: Verb::Load, model, confirm: args.confirm.clone(), ..Ask::default() }, &args.common)
 }
 
-pub(super) fn rollback(args: &RollbackArgs) -> Result<(), Failure> {
+pub(super) fn rollback(args: &RollbackArgs) -> Result<()> {
     send(Ask { command: Verb::Rollback, ..Ask::default() }, &args.common)
 }
 
-fn clear_fault(wanted: bool, common: &Common) -> Result<(), Failure> {
+fn clear_fault(wanted: bool, common: &Common) -> Result<()> {
     if wanted {
         let ask = Ask { command: Verb::ClearFault, reason: common.reason.clone(), ..Ask::default() };
         client::ask(&socket(&common.which)?, &ask).map_err(|e| refusal(&e))?;
@@ -136,7 +133,7 @@ fn clear_fault(wanted: bool, common: &Common) -> Result<(), Failure> {
     Ok(())
 }
 
-fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
+fn send(ask: Ask, common: &Common) -> Result<()> {
     let ask = Ask { reason: common.reason.clone(), ..ask };
     let answer = client::ask(&socket(&common.which)?, &ask).map_err(|e| refusal(&e))?;
     if common.json {

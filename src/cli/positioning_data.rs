@@ -1,21 +1,18 @@
 //! Positioning tests from files: the CSV of `docs/reference/tables.md` 3 and the formats of instruments that their beginning
 //! gives away (`.dat` of ecmc loggers, Renishaw `.rtl`, API `.pos`).
 
-use std::io::{BufRead, Cursor};
+use std::io::Cursor;
 use std::ops::RangeInclusive;
-use std::path::Path;
 
 use super::acceptance::Stated;
-use super::input::{self, InputKind, text_of};
+use super::input::text_of;
 use super::table::Table;
-use super::{EX_DATAERR, EX_USAGE, Failure};
+use crate::prelude::*;
 use volcomp_formats::detect;
 use volcomp_formats::iso230_dat;
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
-use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, AxisName};
 
 /// How the data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -76,16 +73,13 @@ pub(super) fn instrument_test(
     bytes: &[u8],
     axis: Option<AxisName>,
     unit: Option<DeviationUnit>,
-) -> Result<Option<Test>, Failure> {
+) -> Result<Option<Test>> {
     let fail = |e: FormatError| format_failure(file, &e);
-    match detect::format(bytes) {
-        Some(detect::Format::Iso230Dat) => {
-            let decoded = text::decode(bytes);
-            Ok(Some(Test::new(parse_dat(file, &decoded.text)?, "ISO 230-2 test (.dat)")))
-        }
+    let decoded = || text::decode(bytes).text;
+    let found = match detect::format(bytes) {
+        Some(detect::Format::Iso230Dat) => Test::new(parse_dat(file, &decoded())?, "ISO 230-2 test (.dat)"),
         Some(detect::Format::Rtl) => {
-            let decoded = text::decode(bytes);
-            let (rtl, mut notes) = rtl::parse(&decoded.text).map_err(fail)?;
+            let (rtl, mut notes) = rtl::parse(&decoded()).map_err(fail)?;
             let named = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
             let rotary = axis.or(named).filter(|a| a.kind() == AxisKind::Rotary);
             if let (Some(axis), None) = (rotary, unit) {
@@ -105,23 +99,18 @@ pub(super) fn instrument_test(
                     start.start, start.end, length.start
                 ));
             }
-            Ok(Some(Test {
-                axis: named,
-                notes,
-                span_s: rtl.duration_s(),
-                stated: stated(&rtl),
-                ..Test::new(test, "Renishaw laser test (.rtl)")
-            }))
+            let (span_s, stated) = (rtl.duration_s(), stated(&rtl));
+            Test { axis: named, notes, span_s, stated, ..Test::new(test, "Renishaw laser test (.rtl)") }
         }
         Some(detect::Format::ApiPos) => {
-            let decoded = text::decode(bytes);
-            let means = api_pos::parse(&decoded.text).map_err(fail)?;
+            let means = api_pos::parse(&decoded()).map_err(fail)?;
             let notes =
                 vec!["the file holds means: repeatability and drift cannot be judged from it".to_owned()];
-            Ok(Some(Test { notes, ..Test::new(means.test, "API laser test (.pos)") }))
+            Test { notes, ..Test::new(means.test, "API laser test (.pos)") }
         }
-        _ => Ok(None),
-    }
+        _ => return Ok(None),
+    };
+    Ok(Some(found))
 }
 
 /// What a laser test states beside its readings.
@@ -168,14 +157,14 @@ impl Cycles {
     }
 
     /// Keeps the readings of the selected cycles.
-    pub(super) fn select(&self, file: &str, test: &mut PositioningTest) -> Result<(), Failure> {
+    pub(super) fn select(&self, file: &str, test: &mut PositioningTest) -> Result<()> {
         self.check(file, &test.readings)?;
         test.retain(|r| self.contains(r.cycle));
         Ok(())
     }
 
     /// Refuses a selection of cycles that the readings do not have.
-    pub(super) fn check(&self, file: &str, readings: &[Reading]) -> Result<(), Failure> {
+    pub(super) fn check(&self, file: &str, readings: &[Reading]) -> Result<()> {
         let mut present: Vec<u32> = readings.iter().map(|r| r.cycle).collect();
         present.sort_unstable();
         present.dedup();
@@ -191,7 +180,7 @@ impl Cycles {
 }
 
 /// Reads a positioning test with what its file states about it.
-pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningTest, Stated), Failure> {
+pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningTest, Stated)> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
     if format == TestFormat::Auto
@@ -208,7 +197,7 @@ pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningT
 }
 
 /// The `.dat` of ecmc loggers.
-pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest, Failure> {
+pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest> {
     iso230_dat::parse(text).map_err(|e| format_failure(file, &e))
 }
 
@@ -223,7 +212,7 @@ pub(super) struct TestColumns {
 
 impl TestColumns {
     /// Finds the columns; `extra` are allowed beside them.
-    pub(super) fn find<R: BufRead>(table: &Table<R>, extra: &[&str]) -> Result<Self, Failure> {
+    pub(super) fn find(table: &Table, extra: &[&str]) -> Result<Self> {
         let rotary = table.find("target_deg").is_some() || table.find("deviation_arcsec").is_some();
         let (kind, target, deviation) = if rotary {
             (AxisKind::Rotary, "target_deg", "deviation_arcsec")
@@ -244,7 +233,7 @@ impl TestColumns {
     }
 
     /// The reading of the current row.
-    pub(super) fn reading<R: BufRead>(&self, table: &Table<R>) -> Result<Reading, Failure> {
+    pub(super) fn reading(&self, table: &Table) -> Result<Reading> {
         let (target, deviation) = (table.number(self.target)?, table.number(self.deviation)?);
         Ok(Reading {
             cycle: table.count(self.cycle)?,
@@ -256,7 +245,7 @@ impl TestColumns {
 }
 
 /// The CSV of `docs/reference/tables.md` 3.
-pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTest, Failure> {
+pub(super) fn parse_csv(mut table: Table) -> Result<PositioningTest> {
     let columns = TestColumns::find(&table, &["t_s"])?;
     let time = table.find("t_s");
     let (mut readings, mut lines, mut times_s) = (Vec::new(), Vec::new(), Vec::new());
@@ -302,7 +291,7 @@ mod tests {
     #[test]
     fn rotary_tests_are_in_degrees_and_arcsec() {
         let text = "cycle,direction,target_deg,deviation_arcsec\n1,1,180,-3.6\n";
-        let test = parse_csv(Table::new(text.as_bytes(), "f".into()).unwrap()).unwrap();
+        let test = parse_csv(Table::new(Cursor::new(text), "f".into()).unwrap()).unwrap();
         assert_eq!(test.kind, AxisKind::Rotary);
         assert!((test.readings[0].position - core::f64::consts::PI).abs() < 1e-15);
         assert!((test.readings[0].value + 1e-3f64.to_radians()).abs() < 1e-18);
@@ -311,7 +300,7 @@ mod tests {
     #[test]
     fn columns_are_checked() {
         let fails = |text: &str| {
-            let table = Table::new(text.as_bytes(), "f.csv".to_owned()).unwrap();
+            let table = Table::new(Cursor::new(text.to_owned()), "f.csv".to_owned()).unwrap();
             parse_csv(table).unwrap_err().message
         };
         assert!(fails("cycle,direction,target_mm\n").contains("column deviation_um is missing"));

@@ -5,24 +5,18 @@
 mod circle;
 mod readings;
 
-use std::io::BufRead;
-use std::path::PathBuf;
-
-use clap::Parser;
-
 use super::additions::Additions;
 use super::files::{Rows, read_hashed_model};
-use super::quantities::{offset_as_is, offset_unit, position_unit};
-use super::table::{self, Table, nearest, other_unit};
-use super::{EX_DATAERR, Failure};
-use volcomp_model::geometry::Vec3;
+use super::quantities::offset_as_is;
+use super::table::{Table, nearest, other_unit};
+use crate::prelude::*;
 use volcomp_model::search::Volume;
-use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, ModelSpec, Pose};
-use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
+use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Pose};
+use volcomp_units::RAD_PER_DEG;
+use volcomp_units::axes::MAX_AXES;
 
 /// Predict the error of the tool, and the corrections of the axes, at every point of a table; or a measured circle.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 #[command(after_long_help = circle::HELP)]
 pub(super) struct Args {
     /// The model file.
@@ -54,7 +48,7 @@ const KEPT: &str = "t_s instrument setup run repeat pair u_x u_y u_z deviation_u
 const KEPT_STEMS: [&str; 9] =
     ["since_reversal_", "target_", "lever_", "station_", "force_", "temp_", "load_", "note_", "label"];
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if args.circle.is_wanted() {
         return circle::run(args);
     }
@@ -87,29 +81,19 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     rows.finish()
 }
 
-/// A column of the motion of an axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum MotionColumn {
-    Velocity,
-    Acceleration,
-    Since,
-    SinceTime,
-}
+/// What a column of the motion of an axis sets.
+type SetMotion = fn(&mut AxisMotion, f64);
 
-impl MotionColumn {
-    const ALL: [Self; 4] = [Self::Velocity, Self::Acceleration, Self::Since, Self::SinceTime];
-
-    /// Its name, and the unit inside of one of the file's.
-    fn of(self, name: AxisName) -> (String, f64) {
-        let (axis, length) = (name.lower(), position_unit(name));
-        let unit = if name.kind() == AxisKind::Linear { 1.0 } else { RAD_PER_DEG };
-        match self {
-            Self::Velocity => (format!("v{axis}_{length}_per_s"), unit),
-            Self::Acceleration => (format!("a{axis}_{length}_per_s2"), unit),
-            Self::Since => (format!("since_reversal_{axis}_{length}"), unit),
-            Self::SinceTime => (format!("since_reversal_{axis}_s"), 1.0),
-        }
-    }
+/// Columns of the motion of an axis: name, unit inside of one of the file's, and what each sets.
+fn motion_columns(name: AxisName) -> [(String, f64, SetMotion); 4] {
+    let (axis, length) = (name.lower(), position_unit(name));
+    let unit = if name.kind() == AxisKind::Linear { 1.0 } else { RAD_PER_DEG };
+    [
+        (format!("v{axis}_{length}_per_s"), unit, |m, v| m.velocity = v),
+        (format!("a{axis}_{length}_per_s2"), unit, |m, v| m.acceleration = v),
+        (format!("since_reversal_{axis}_{length}"), unit, |m, v| m.since = v),
+        (format!("since_reversal_{axis}_s"), 1.0, |m, v| m.since_s = v),
+    ]
 }
 
 /// Which column of the input means what, and which axes are corrected.
@@ -120,7 +104,7 @@ struct Columns {
     /// Column, index in the chain.
     directions: Vec<(usize, usize)>,
     /// Column, index in the chain, what of the motion, unit in mm or rad; only where the model has dynamic terms.
-    motion: Vec<(usize, usize, MotionColumn, f64)>,
+    motion: Vec<(usize, usize, SetMotion, f64)>,
     /// Column, component.
     tool: Vec<(usize, usize)>,
     tool_length: Option<usize>,
@@ -131,7 +115,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn find<R: BufRead>(table: &Table<R>, model: &Model) -> Result<Self, Failure> {
+    fn find(table: &Table, model: &Model) -> Result<Self> {
         let mut found = Self { names: model.axes().map(|a| a.name).collect(), ..Self::default() };
         found.corrected =
             model.axes().enumerate().filter(|(_, a)| !a.spindle).map(|(k, a)| (a.name, k)).collect();
@@ -175,13 +159,8 @@ impl Columns {
     }
 
     /// Refuses tool lengths that neither the model nor an addition can use.
-    fn check_length<R: BufRead>(
-        &self,
-        table: &Table<R>,
-        model: &Model,
-        additions: Option<&Additions>,
-    ) -> Result<(), Failure> {
-        let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(Additions::take_length);
+    fn check_length(&self, table: &Table, model: &Model, additions: Option<&Additions>) -> Result<()> {
+        let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(|a| a.takes_length);
         match self.tool_length {
             Some(length) if !used => Err(table.fail(
                 length,
@@ -222,33 +201,19 @@ impl Columns {
             return false;
         }
         for (k, name) in self.names.iter().enumerate() {
-            for kind in MotionColumn::ALL {
-                let (wanted, unit) = kind.of(*name);
-                if column == wanted {
-                    self.motion.push((i, k, kind, unit));
-                    return true;
-                }
+            if let Some((_, unit, set)) = motion_columns(*name).into_iter().find(|(n, ..)| n == column) {
+                self.motion.push((i, k, set, unit));
+                return true;
             }
         }
         false
     }
 
     /// The signals of the dynamic terms at a row; of what has no column, those of an axis at rest after long travel.
-    fn signals<R: BufRead>(
-        &self,
-        table: &Table<R>,
-        model: &Model,
-        pose: &Pose,
-    ) -> Result<[f64; DYNAMIC_MAX], Failure> {
+    fn signals(&self, table: &Table, model: &Model, pose: &Pose) -> Result<[f64; DYNAMIC_MAX]> {
         let mut motions = pose.travel.map(AxisMotion::after);
-        for (column, k, kind, unit) in &self.motion {
-            let value = table.number(*column)? * unit;
-            match kind {
-                MotionColumn::Velocity => motions[*k].velocity = value,
-                MotionColumn::Acceleration => motions[*k].acceleration = value,
-                MotionColumn::Since => motions[*k].since = value,
-                MotionColumn::SinceTime => motions[*k].since_s = value,
-            }
+        for (column, k, set, unit) in &self.motion {
+            set(&mut motions[*k], table.number(*column)? * unit);
         }
         let mut out = [0.0; DYNAMIC_MAX];
         for (signal, d) in out.iter_mut().zip(model.dynamics()) {
@@ -317,7 +282,7 @@ impl Columns {
         names
     }
 
-    fn header<R: BufRead>(&self, table: &Table<R>, block: &mut Vec<u8>) {
+    fn header(&self, table: &Table, block: &mut Vec<u8>) {
         block.extend_from_slice(table.text());
         for name in self.output_names() {
             block.push(b',');
@@ -327,7 +292,7 @@ impl Columns {
     }
 
     #[inline]
-    fn pose<R: BufRead>(&self, table: &Table<R>, model: &Model) -> Result<Pose, Failure> {
+    fn pose(&self, table: &Table, model: &Model) -> Result<Pose> {
         let mut pose = Pose::at([0.0; MAX_AXES]);
         for &(column, k, unit) in &self.axes {
             pose.position[k] = table.number(column)? * unit;

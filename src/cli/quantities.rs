@@ -1,12 +1,7 @@
 //! Quantities of models in the units that people and programs read: mm and deg for places, um and arcsec for errors and offsets.
 
-use serde_json::{Map, Value, json};
-
-use crate::numerals::{figure, plain};
-use crate::units::Units;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Chain, ErrorSymbol, Pose};
-use volcomp_units::axes::{AxisName, Travel};
+use crate::prelude::*;
+use volcomp_model::Pose;
 
 /// Unit of an axis offset on the outside.
 pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {
@@ -83,7 +78,7 @@ pub(crate) fn pose_words(chain: &Chain, pose: &Pose) -> String {
         let q = (position_out(axis, pose.position[k]) * 1e2).round() / 1e2 + 0.0;
         format!("{axis} {q}{back}")
     };
-    placed(chain).map(word).collect::<Vec<_>>().join("  ")
+    placed(chain).map(word).joined("  ")
 }
 
 /// A pose for programs: `x_mm`, `dir_x` of every axis.
@@ -96,4 +91,19 @@ pub(crate) fn pose_json(chain: &Chain, pose: &Pose) -> Value {
         out.insert(format!("dir_{letter}"), json!(direction));
     }
     Value::Object(out)
+}
+
+/// The largest offset of each axis that has one, and where, for programs; of each the offsets in chain order and the pose.
+pub(crate) fn corrections_json<'a>(
+    chain: &Chain,
+    largest: impl Iterator<Item = Option<(&'a [f64], &'a Pose)>>,
+) -> Map<String, Value> {
+    let axes = chain.axes().iter().map(|a| a.name).zip(largest).enumerate();
+    axes.filter_map(|(k, (axis, found))| {
+        let (offset, pose) = found?;
+        let key = format!("largest_{}", offset_unit(axis));
+        let entry = json!({key: offset_out(axis, offset[k]), "at": pose_json(chain, pose)});
+        Some((axis.lower().to_string(), entry))
+    })
+    .collect()
 }

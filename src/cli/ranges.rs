@@ -8,53 +8,33 @@ use clap::builder::ValueParser;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Arg, ArgMatches, Command, Parser};
 
-use super::numerals::figure;
-use volcomp_model::ErrorSymbol;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::AxisName;
+use crate::prelude::*;
 
 /// Smallest and largest value.
 type Range = [f64; 2];
 
-/// Ranges of whole names.
+/// Ranges of whole names, with blanks between those of one range.
 const NAMES: &[(&str, Range)] = &[
     ("temperature_degc", [-50.0, 150.0]),
-    ("u_temperature_degc", [0.0, 100.0]),
-    ("hold_out_percent", [0.0, 100.0]),
-    ("gain", [0.0, 1.0]),
-    ("tracker_outliers", [0.0, 1.0]),
-    ("tracker_dropouts", [0.0, 1.0]),
-    ("significance", [0.0, 1.0]),
-    ("lambda", [0.0, 1e12]),
-    ("ridge", [0.0, 1e12]),
-    ("sigma", [0.0, 1e5]),
-    ("noise", [0.0, 1e5]),
-    ("limit", [0.0, 1e5]),
-    ("walk_per_sqrt_h", [0.0, 1e5]),
-    ("feed", [1e-3, 1e6]),
-    ("step", [1e-3, 1e5]),
-    ("step_mm", [1e-2, 1e5]),
-    ("spacing_mm", [1e-3, 1e3]),
-    ("bar_radius_mm", [1e-2, 1e3]),
-    ("ball_radius_mm", [1e-2, 1e3]),
-    ("radius_mm", [1e-2, 1e4]),
-    ("rate_hz", [1e-1, 1e5]),
-    ("arc_deg", [1.0, 3600.0]),
-    ("seconds", [1e-2, 1e5]),
-    ("paced_ms", [0.0, 1e5]),
-    ("lags_s", [0.0, 1e7]),
-    ("speed_lags_s", [0.0, 1e7]),
-    ("increment_um", [1e-6, 1e5]),
-    ("pitch_mm", [1e-3, 1e3]),
-    ("positions", [1.0, 1e4]),
-    ("stops", [1.0, 1e4]),
-    ("steps", [1.0, 1e4]),
-    ("targets", [0.0, 1e4]),
-    ("runs", [1.0, 1e3]),
-    ("points", [1.0, 1e5]),
-    ("resting", [0.0, 1e5]),
-    ("blocks", [1.0, 1e5]),
+    ("gain tracker_outliers tracker_dropouts significance", [0.0, 1.0]),
+    ("u_temperature_degc hold_out_percent", [0.0, 100.0]),
     ("order", [0.0, 1e3]),
+    ("targets", [0.0, 1e4]),
+    ("sigma noise limit walk_per_sqrt_h paced_ms resting", [0.0, 1e5]),
+    ("lags_s speed_lags_s", [0.0, 1e7]),
+    ("lambda ridge", [0.0, 1e12]),
+    ("increment_um", [1e-6, 1e5]),
+    ("spacing_mm pitch_mm", [1e-3, 1e3]),
+    ("step", [1e-3, 1e5]),
+    ("feed", [1e-3, 1e6]),
+    ("bar_radius_mm ball_radius_mm", [1e-2, 1e3]),
+    ("radius_mm", [1e-2, 1e4]),
+    ("step_mm seconds", [1e-2, 1e5]),
+    ("rate_hz", [1e-1, 1e5]),
+    ("runs", [1.0, 1e3]),
+    ("arc_deg", [1.0, 3600.0]),
+    ("positions stops steps", [1.0, 1e4]),
+    ("points blocks", [1.0, 1e5]),
     ("days", [1.0, 36_525.0]),
 ];
 
@@ -77,44 +57,32 @@ const UNITS: &[(&str, Range)] = &[
 ];
 
 /// Words in a name whose quantity cannot be below zero.
-const NOT_NEGATIVE: &[&str] = &[
-    "sigma",
-    "noise",
-    "std",
-    "tolerance",
-    "accept",
-    "between",
-    "drift",
-    "lies",
-    "spike",
-    "limit",
-    "correlation",
-    "length",
-    "diameter",
-    "box",
-    "wait",
-    "settle",
-    "dwell",
-];
+const NOT_NEGATIVE: &str = "sigma noise std tolerance accept between drift lies spike limit correlation length diameter box \
+                            wait settle dwell";
 
 /// Any other number, and any other count.
 const OTHER: Range = [-1e9, 1e9];
 const OTHER_COUNT: Range = [0.0, 1e8];
 
+/// The range of a whole name.
+fn named(name: &str) -> Option<Range> {
+    NAMES.iter().find(|(names, _)| names.split(' ').any(|known| known == name)).map(|(_, range)| *range)
+}
+
 /// The range of a number with this name.
 fn range(name: &str) -> Range {
-    if let Some((_, range)) = NAMES.iter().find(|(known, _)| *known == name) {
-        return *range;
+    if let Some(range) = named(name) {
+        return range;
     }
     let [low, high] = UNITS.iter().find(|(unit, _)| name.ends_with(unit)).map_or(OTHER, |(_, range)| *range);
-    let not_negative = name.starts_with("u_") || name.split('_').any(|word| NOT_NEGATIVE.contains(&word));
+    let not_negative = name.starts_with("u_")
+        || name.split('_').any(|word| NOT_NEGATIVE.split(' ').any(|known| known == word));
     [if not_negative { low.max(0.0) } else { low }, high]
 }
 
 /// The range of a count with this name; `None` for a seed, which is any number.
 fn count_range(name: &str) -> Option<Range> {
-    let named = NAMES.iter().find(|(known, _)| *known == name).map(|(_, range)| *range);
-    (name != "seed").then(|| named.unwrap_or(OTHER_COUNT))
+    (name != "seed").then(|| named(name).unwrap_or(OTHER_COUNT))
 }
 
 /// Numbers of an argument, by the type of its values; `None` where they are no numbers.

@@ -2,13 +2,8 @@
 
 use core::fmt;
 use std::io::Read;
-use std::path::{Path, PathBuf};
 
-use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure};
-use volcomp_config as config;
-use volcomp_config::MachineConfig;
-use volcomp_model::{Model, ModelSpec};
+use crate::prelude::*;
 use volcomp_protocol::record::{Item, Meta, Note, Recording, block};
 use volcomp_units::MonoTime;
 
@@ -26,7 +21,7 @@ pub(super) struct Parsed {
 
 /// Reads the descriptions of files of one run and puts the files into their order. Of several files no more than one is
 /// in memory at a time.
-pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>, Failure> {
+pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>> {
     let mut parsed = Vec::new();
     for path in paths {
         let bytes = content(path)?;
@@ -49,7 +44,7 @@ pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>, Failure> {
 }
 
 /// A whole file. One that does not begin like a recording is refused before the rest is read.
-fn content(path: &Path) -> Result<Vec<u8>, Failure> {
+fn content(path: &Path) -> Result<Vec<u8>> {
     let mut source = input::open(path, InputKind::Recording)?;
     let mut first = Vec::new();
     (&mut source)
@@ -60,7 +55,7 @@ fn content(path: &Path) -> Result<Vec<u8>, Failure> {
     input::read_rest(path, source, first)
 }
 
-fn recording<'a>(path: &Path, bytes: &'a [u8]) -> Result<Recording<'a>, Failure> {
+fn recording<'a>(path: &Path, bytes: &'a [u8]) -> Result<Recording<'a>> {
     Recording::parse(bytes).map_err(|e| Failure::data(path, e))
 }
 
@@ -81,22 +76,19 @@ pub(super) struct Missing {
 
 impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.records {
-            Some(1) => write!(f, "1 record")?,
-            Some(records) => write!(f, "{records} records")?,
-            None => write!(f, "an unknown number of records")?,
-        }
-        match self.before {
-            Some(before) => write!(f, " before record {before}")?,
-            None => write!(f, " at the end")?,
-        }
-        write!(f, " of {}", self.file)?;
-        match (self.from_s, self.to_s) {
-            (Some(from), Some(to)) => write!(f, ", from {from:.3} s to {to:.3} s"),
-            (Some(from), None) => write!(f, ", from {from:.3} s on"),
-            (None, Some(to)) => write!(f, ", up to {to:.3} s"),
-            (None, None) => Ok(()),
-        }
+        let records = match self.records {
+            Some(1) => "1 record".to_owned(),
+            Some(records) => format!("{records} records"),
+            None => "an unknown number of records".to_owned(),
+        };
+        let place = self.before.map_or("at the end".to_owned(), |before| format!("before record {before}"));
+        let times = match (self.from_s, self.to_s) {
+            (Some(from), Some(to)) => format!(", from {from:.3} s to {to:.3} s"),
+            (Some(from), None) => format!(", from {from:.3} s on"),
+            (None, Some(to)) => format!(", up to {to:.3} s"),
+            (None, None) => String::new(),
+        };
+        write!(f, "{records} {place} of {}{times}", self.file)
     }
 }
 
@@ -130,10 +122,7 @@ impl Clock {
 }
 
 /// Goes through every item of every file; gives what was noted about the files.
-pub(super) fn walk(
-    files: &mut [Parsed],
-    mut each: impl FnMut(&Item) -> Result<(), Failure>,
-) -> Result<Walked, Failure> {
+pub(super) fn walk(files: &mut [Parsed], mut each: impl FnMut(&Item) -> Result<()>) -> Result<Walked> {
     let (mut found, mut clock) = (Walked::default(), Clock::default());
     let mut expected = 0;
     let count = files.len();
@@ -215,7 +204,7 @@ fn known_end<'n>(notes: impl Iterator<Item = &'n Note>) -> u64 {
 }
 
 /// The machine file inside a recording.
-pub(super) fn machine(file: &Parsed) -> Result<MachineConfig, Failure> {
+pub(super) fn machine(file: &Parsed) -> Result<MachineConfig> {
     let inside = format!("{} (machine file inside)", file.path.display());
     let Some((_, text)) = &file.machine else {
         return Err(data!(inside, "missing or damaged\n  hint: name it with --config"));
@@ -231,7 +220,7 @@ pub(super) struct Inside {
 }
 
 /// The models inside recordings, each once, in the order of their use.
-pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>, Failure> {
+pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>> {
     let mut found: Vec<Inside> = Vec::new();
     for Parsed { path, models, .. } in files {
         let inside = format!("{} (model inside)", path.display());
@@ -248,6 +237,6 @@ pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>, Failure> {
 }
 
 /// The first file; there is always one.
-pub(super) fn first(files: &[Parsed]) -> Result<&Parsed, Failure> {
+pub(super) fn first(files: &[Parsed]) -> Result<&Parsed> {
     files.first().ok_or_else(|| usage!("no recording was named"))
 }

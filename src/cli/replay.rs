@@ -1,13 +1,10 @@
 //! `replay`: a recording through the same engine, compared bit for bit.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use serde_json::json;
-
-use super::numerals::counted;
 use super::recordings::{self, Missing, Parsed, Walked};
-use super::{EX_DATAERR, Failure, files, status};
+use super::{files, status};
+use crate::prelude::*;
 use volcomp_daemon::replay::{Difference, Gap, Replay, Report};
 
 /// Exit code where a correction came out otherwise.
@@ -40,7 +37,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut parsed = recordings::read(&args.recordings)?;
     let mut replay = prepare(args, &parsed)?;
     let walked = recordings::walk(&mut parsed, |item| {
@@ -67,31 +64,32 @@ fn is_complete(report: &Report, walked: &Walked) -> bool {
         && report.compared == report.cycles
 }
 
-fn judge(report: &Report, walked: &Walked) -> Result<(), Failure> {
+fn judge(report: &Report, walked: &Walked) -> Result<()> {
     let complete = is_complete(report, walked);
     let part = if complete { "" } else { "; the recording is incomplete, too" };
     let Report { differing, compared, cycles, .. } = report;
     if *differing > 0 {
-        let what = format_args!("error: {differing} of {compared} cycles differ from the recording{part}");
-        return Err(Failure::new(EX_DIFFERS, what));
+        return Err(failure!(EX_DIFFERS, "{differing} of {compared} cycles differ from the recording{part}"));
     }
     if *compared == 0 {
-        let what = "error: nothing could be compared: no cycle, or the engine never caught up after a gap";
-        return Err(Failure::new(EX_DATAERR, what));
+        return Err(failure!(
+            EX_DATAERR,
+            "nothing could be compared: no cycle, or the engine never caught up after a gap"
+        ));
     }
     if !complete {
         let gaps = counted(walked.missing.len(), "gap");
         let damaged = counted(walked.damaged, "damaged place");
-        let what = format_args!(
-            "error: not everything could be replayed: {gaps}, {damaged}, {compared} of {cycles} cycles compared (all the same)\n  \
+        return Err(failure!(
+            EX_INCOMPLETE,
+            "not everything could be replayed: {gaps}, {damaged}, {compared} of {cycles} cycles compared (all the same)\n  \
              hint: give all files of the run; the lines above name what is missing"
-        );
-        return Err(Failure::new(EX_INCOMPLETE, what));
+        ));
     }
     Ok(())
 }
 
-fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay, Failure> {
+fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay> {
     let file = recordings::first(parsed)?;
     let (path, meta) = (file.path.display(), &file.meta);
     let config = match &args.config {
@@ -107,12 +105,13 @@ fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay, Failure> {
             .find(|(hash, _)| blake3::Hash::from(*hash).to_hex().as_str() == meta.model_hash)
             .map(|(_, model)| Arc::clone(model))
             .ok_or_else(|| {
-                let why = format_args!(
-                    "error: {path} (model inside): the model of its beginning, {} (blake3 {}), is missing or damaged\n  \
+                failure!(
+                    EX_DATAERR,
+                    "{path} (model inside): the model of its beginning, {} (blake3 {}), is missing or damaged\n  \
                      hint: name that file with --model",
-                    meta.model, meta.model_hash
-                );
-                Failure::new(EX_DATAERR, why)
+                    meta.model,
+                    meta.model_hash
+                )
             })?,
         Some(path) => {
             let (_, model, hash) = files::read_hashed_model(path)?;
@@ -184,18 +183,14 @@ fn to_json(report: &Report, walked: &Walked) -> serde_json::Value {
             "axis": d.axis.map(|a| a.lower().to_string()), "recorded": d.recorded, "replayed": d.replayed,
         })
     };
-    json!({
-        "records": report.records,
-        "cycles": report.cycles,
-        "compared": report.compared,
-        "differing": report.differing,
-        "largest_difference": report.largest,
-        "differences": report.differences.iter().map(difference).collect::<Vec<_>>(),
-        "gaps": report.gaps.iter().map(gap).collect::<Vec<_>>(),
-        "refused": report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect::<Vec<_>>(),
-        "notes": walked.notes,
-        "missing": walked.missing.iter().map(missing).collect::<Vec<_>>(),
-        "damaged": walked.damaged,
-        "complete": is_complete(report, walked),
-    })
+    let mut json = fields!(report; records, cycles, compared, differing);
+    json["largest_difference"] = json!(report.largest);
+    json["differences"] = report.differences.iter().map(difference).collect();
+    json["gaps"] = report.gaps.iter().map(gap).collect();
+    json["refused"] = report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect();
+    json["notes"] = json!(walked.notes);
+    json["missing"] = walked.missing.iter().map(missing).collect();
+    json["damaged"] = json!(walked.damaged);
+    json["complete"] = json!(is_complete(report, walked));
+    json
 }

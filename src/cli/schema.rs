@@ -1,10 +1,6 @@
 //! `volcomp schema`: JSON Schema of machine, model and session files, made from the key table that reads them.
 
-use std::collections::BTreeMap;
-
-use serde_json::{Map, Value, json};
-
-use super::Failure;
+use crate::prelude::*;
 use volcomp_config::{Allowed, Key, Shape, machine, model};
 
 /// Pages whose tables say what a key means.
@@ -37,7 +33,7 @@ enum Kind {
     Session,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let schema = match args.kind {
         Kind::Machine => of_keys(machine::FORMAT, &machine::known_keys(), MACHINE_NAMES, MACHINE_PAGE),
         Kind::Model => of_keys(model::FORMAT, &model::known_keys(), MODEL_NAMES, MODEL_PAGE),

@@ -1,9 +1,9 @@
 //! Start-up outliers of a positioning test in words: by line, with the figures of the test with and without them.
 
+use crate::prelude::*;
 use volcomp_evaluate::{Positioning, PositioningReading};
 use volcomp_formats::positioning_test::PositioningTest;
 pub(crate) use volcomp_formats::start_up::{Marked, StartUp, in_report_units};
-use volcomp_units::axes::{AxisKind, Travel};
 
 /// Units of targets and deviations.
 pub(crate) const fn units(kind: AxisKind) -> (&'static str, &'static str) {

@@ -3,16 +3,11 @@
 mod paint;
 mod recent;
 
-use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::input::{self, InputKind};
-use super::numerals::{counted, micro, plain};
-use super::{EX_IOERR, EX_SOFTWARE, Failure};
-use volcomp_config::MachineConfig;
+use crate::prelude::*;
 use volcomp_daemon::client::{self, ClientError};
 use volcomp_daemon::{Fault, RealtimeStatus, ShadowAxis, ShadowStatus, Status};
 
@@ -65,13 +60,13 @@ pub(super) struct WatchArgs {
     json: bool,
 }
 
-pub(super) fn watch(args: &WatchArgs) -> Result<(), Failure> {
+pub(super) fn watch(args: &WatchArgs) -> Result<()> {
     let WatchArgs { which, json } = args;
     status(&StatusArgs { which: which.clone(), json: *json, histograms: false, watch: true })
 }
 
 #[expect(clippy::disallowed_methods, reason = "--watch waits between two prints")]
-pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
+pub(super) fn status(args: &StatusArgs) -> Result<()> {
     let socket = socket(&args.which)?;
     let paint = Paint::of_stdout();
     let mut answered = false;
@@ -136,11 +131,11 @@ fn wait_for_restart(args: &StatusArgs, socket: &Path) {
     }
 }
 
-pub(super) fn json(object: &impl serde::Serialize) -> Result<String, Failure> {
+pub(super) fn json(object: &impl serde::Serialize) -> Result<String> {
     serde_json::to_string(object).map_err(|e| Failure::new(EX_SOFTWARE, e))
 }
 
-pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
+pub(super) fn socket(which: &Which) -> Result<PathBuf> {
     if let Some(socket) = &which.socket {
         return Ok(socket.clone());
     }
@@ -194,14 +189,14 @@ fn stated_socket(text: &str) -> Option<String> {
 }
 
 /// The socket that a machine file names.
-pub(super) fn socket_of(config: &Path, machine: &MachineConfig) -> Result<PathBuf, Failure> {
+pub(super) fn socket_of(config: &Path, machine: &MachineConfig) -> Result<PathBuf> {
     volcomp_daemon::socket_path(config, machine).ok_or_else(|| {
         mistake!(config, "the status socket is switched off\n  hint: set `socket` in its `[status]`")
     })
 }
 
 /// The machine file of a daemon.
-pub(super) fn machine(config: &Path) -> Result<MachineConfig, Failure> {
+pub(super) fn machine(config: &Path) -> Result<MachineConfig> {
     let text = input::read_text(config, InputKind::Machine)?;
     Ok(MachineConfig::parse(&config.display().to_string(), &text)?)
 }

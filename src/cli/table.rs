@@ -5,14 +5,12 @@
 
 use std::io::{BufRead, Read};
 use std::ops::Range;
-use std::path::Path;
 
-use super::input::{self, InputKind, ROWS_MAX};
+use super::input::ROWS_MAX;
 use super::positioning_data::no_rows;
 use super::progress::Progress;
-use super::{EX_DATAERR, Failure};
+use crate::prelude::*;
 use volcomp_formats::text::finite;
-use volcomp_units::axes::Travel;
 use volcomp_units::conversion;
 
 /// Longest line accepted; bounds the memory whatever the input is.
@@ -22,8 +20,8 @@ const LINE_LIMIT: u64 = 1 << 20;
 const LINES_PER_LOOK: u64 = 4096;
 
 /// A table being read, with a progress bar where it takes long: the current row and its place.
-pub(super) struct Table<R> {
-    source: R,
+pub(super) struct Table {
+    source: Box<dyn BufRead>,
     file: String,
     columns: Vec<String>,
     /// 1-based line of the current row.
@@ -46,28 +44,28 @@ pub(super) struct Table<R> {
 pub(super) const STDIN: &str = "<stdin>";
 
 /// Opens a file whose rows are kept in memory, or standard input for `-`.
-pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
+pub(super) fn open(path: &Path) -> Result<Table> {
     open_as(path, InputKind::Table)
 }
 
 /// Opens a file whose rows are not kept, or standard input for `-`.
-pub(super) fn open_stream(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
+pub(super) fn open_stream(path: &Path) -> Result<Table> {
     let mut table = open_as(path, InputKind::Stream)?;
     table.rows_left = u64::MAX;
     Ok(table)
 }
 
-fn open_as(path: &Path, kind: InputKind) -> Result<Table<Box<dyn BufRead>>, Failure> {
+fn open_as(path: &Path, kind: InputKind) -> Result<Table> {
     let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
-    Table::new(Box::new(input::open(path, kind)?.buffered()), file)
+    Table::new(input::open(path, kind)?.buffered(), file)
 }
 
-impl<R: BufRead> Table<R> {
+impl Table {
     /// Reads the header.
-    pub(super) fn new(source: R, file: String) -> Result<Self, Failure> {
+    pub(super) fn new(source: impl BufRead + 'static, file: String) -> Result<Self> {
         let progress = Progress::new(Path::new(&file));
         let mut table = Self {
-            source,
+            source: Box::new(source),
             file,
             columns: Vec::new(),
             line: 0,
@@ -139,7 +137,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Index of a column that must be there.
-    pub(super) fn require(&self, name: &str) -> Result<usize, Failure> {
+    pub(super) fn require(&self, name: &str) -> Result<usize> {
         self.find(name).ok_or_else(|| {
             let of_other_unit = || self.columns.iter().find_map(|column| other_unit(column, name));
             let near = || nearest(name, self.columns.iter().map(String::as_str));
@@ -151,7 +149,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Refuses columns that are not known.
-    pub(super) fn only(&self, known: &[&str]) -> Result<(), Failure> {
+    pub(super) fn only(&self, known: &[&str]) -> Result<()> {
         match self.columns.iter().position(|c| !known.contains(&c.as_str())) {
             Some(i) => Err(self.fail(i, format_args!("unknown column; columns are {}", known.join(", ")))),
             None => Ok(()),
@@ -159,7 +157,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Goes to the next row; false at the end.
-    pub(super) fn advance(&mut self) -> Result<bool, Failure> {
+    pub(super) fn advance(&mut self) -> Result<bool> {
         if !self.next_line()? {
             self.progress.finish();
             return Ok(false);
@@ -183,10 +181,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// What `read` makes of every row, of which there must be one.
-    pub(super) fn some_rows<T>(
-        &mut self,
-        mut read: impl FnMut(&Self) -> Result<T, Failure>,
-    ) -> Result<Vec<T>, Failure> {
+    pub(super) fn some_rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
         let mut rows = Vec::new();
         while self.advance()? {
             rows.push(read(self)?);
@@ -196,19 +191,20 @@ impl<R: BufRead> Table<R> {
 
     /// A finite number.
     #[inline]
-    pub(super) fn number(&self, column: usize) -> Result<f64, Failure> {
+    pub(super) fn number(&self, column: impl Into<usize>) -> Result<f64> {
+        let column = column.into();
         let parsed = std::str::from_utf8(self.field(column)).ok().and_then(finite);
         parsed.ok_or_else(|| self.bad_number(column))
     }
 
     /// A finite number, or NaN where the field is empty.
     #[cfg(feature = "diagnosis")]
-    pub(super) fn number_or_empty(&self, column: usize) -> Result<f64, Failure> {
+    pub(super) fn number_or_empty(&self, column: usize) -> Result<f64> {
         if self.field(column).is_empty() { Ok(f64::NAN) } else { self.number(column) }
     }
 
     /// A whole number from 0 up.
-    pub(super) fn count(&self, column: usize) -> Result<u32, Failure> {
+    pub(super) fn count(&self, column: usize) -> Result<u32> {
         let value = self.number(column)?;
         if value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value) {
             Ok(value as u32)
@@ -219,7 +215,7 @@ impl<R: BufRead> Table<R> {
 
     /// A direction of travel.
     #[inline]
-    pub(super) fn travel(&self, column: usize) -> Result<Travel, Failure> {
+    pub(super) fn travel(&self, column: usize) -> Result<Travel> {
         match self.number(column) {
             Ok(1.0) => Ok(Travel::Forward),
             Ok(-1.0) => Ok(Travel::Reverse),
@@ -234,8 +230,8 @@ impl<R: BufRead> Table<R> {
     }
 
     /// A word.
-    pub(super) fn word(&self, column: usize) -> String {
-        String::from_utf8_lossy(self.field(column)).into_owned()
+    pub(super) fn word(&self, column: impl Into<usize>) -> String {
+        String::from_utf8_lossy(self.field(column.into())).into_owned()
     }
 
     /// An error about the current line.
@@ -246,7 +242,8 @@ impl<R: BufRead> Table<R> {
 
     /// An error about a field of the current row.
     #[cold]
-    pub(super) fn fail(&self, column: usize, what: impl core::fmt::Display) -> Failure {
+    pub(super) fn fail(&self, column: impl Into<usize>, what: impl core::fmt::Display) -> Failure {
+        let column = column.into();
         let at = match self.fields.get(column) {
             Some(range) if !self.has_quotes => {
                 String::from_utf8_lossy(&self.text[..range.start]).chars().count() + 1
@@ -277,7 +274,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// Reads lines until one holds data; false at the end of the file.
-    fn next_line(&mut self) -> Result<bool, Failure> {
+    fn next_line(&mut self) -> Result<bool> {
         loop {
             self.text.clear();
             let read = (&mut self.source)
@@ -398,9 +395,10 @@ fn distance(a: &[char], b: &[char]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Cursor;
 
-    fn table(text: &str) -> Result<Table<&[u8]>, Failure> {
-        Table::new(text.as_bytes(), "t.csv".to_owned())
+    fn table(text: &str) -> Result<Table> {
+        Table::new(Cursor::new(text.to_owned()), "t.csv".to_owned())
     }
 
     fn error(text: &str) -> String {
@@ -430,7 +428,7 @@ mod tests {
         assert_eq!(t.columns(), ["a", "b"]);
         let mut rows = Vec::new();
         while t.advance().unwrap() {
-            rows.push((t.line, t.number(0).unwrap(), t.number(1).unwrap()));
+            rows.push((t.line, t.number(0usize).unwrap(), t.number(1usize).unwrap()));
         }
         assert_eq!(rows, [(4, 1.0, 2.0), (7, 3.0, 4.0)]);
     }
@@ -461,7 +459,7 @@ mod tests {
         let t = Table::new(&b"\xff\xfe\x00,b\n"[..], "t.csv".to_owned());
         assert!(t.err().unwrap().message.contains("not UTF-8"));
         let endless = vec![b'7'; 3 << 20];
-        let t = Table::new(endless.as_slice(), "t.csv".to_owned());
+        let t = Table::new(Cursor::new(endless), "t.csv".to_owned());
         assert!(t.err().unwrap().message.contains("more than 1048576 bytes"));
     }
 

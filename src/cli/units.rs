@@ -1,11 +1,7 @@
 //! Units in which errors are printed and stand in keys and columns: um and arcsec, over mm or deg.
 
-use crate::Failure;
-use crate::numerals::plain;
+use crate::prelude::*;
 use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, angle_unit_hint, length_unit_hint};
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::AxisKind;
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// Units of an error at the boundary.
 #[derive(Debug, Clone, Copy)]
@@ -66,7 +62,7 @@ const SMALLEST_UM: f64 = 0.1;
 
 /// Refuses deviations larger than any machine's and notes lengths smaller than any: both are in another unit than `column`
 /// says. `largest` is their largest absolute value, um or arcsec.
-pub(crate) fn check_size(file: &str, column: &str, largest: f64, is_angle: bool) -> Result<(), Failure> {
+pub(crate) fn check_size(file: &str, column: &str, largest: f64, is_angle: bool) -> Result<()> {
     let (limit, unit, hint): (_, _, fn(f64) -> &'static str) = if is_angle {
         (arcsec_from_rad(ANGLE_LIMIT), "arcsec", angle_unit_hint)
     } else {

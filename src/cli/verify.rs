@@ -2,24 +2,14 @@
 
 mod record;
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
-use crate::acceptance::verdicts::{Assessed, Judged};
-use crate::acceptance::{Acceptance, HeadArgs, Stated};
+use crate::acceptance::{Acceptance, Assessed, HeadArgs, Judged};
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};
-use crate::files::write_text;
-use crate::input::{self, InputKind};
-use crate::numerals::plain;
-use crate::report::Table;
+use crate::prelude::*;
 use crate::report_page::{Plot, Style};
-use crate::{Failure, table};
 use volcomp_evaluate::reduction::about_end_points;
 use volcomp_evaluate::{Placed, Reduction, Size, Uncertain};
-use volcomp_units::axes::Travel;
 
 /// Compare two measurements: reduction with its uncertainty, figures of ISO 230, plots at one scale
 ///
@@ -80,7 +70,7 @@ struct Verified {
     device: Option<f64>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let files = [args.before.as_path(), args.after.as_path()];
     if args.json && args.report.as_ref().is_some_and(|p| p.as_os_str() == "-") {
         return Err(usage!("--json and the report cannot both go to stdout"));
@@ -359,7 +349,7 @@ struct Motion {
 }
 
 /// Two runs of error motions; straightnesses about their end-point line.
-fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
+fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
     let [before, after] = [read_motions(files[0])?, read_motions(files[1])?];
     let names = |m: &[Motion]| m.iter().map(|m| m.name.clone()).collect::<Vec<_>>();
     if names(&before) != names(&after) {
@@ -389,16 +379,11 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
     let compared = Compared {
         test: "straightness",
         standard: "Error motions of an axis about their end-point lines, ISO 230-1:2012",
-        keys: Vec::new(),
-        stated: Stated::default(),
         unit: "µm",
-        figures: Vec::new(),
         about: [", about the end-point line"; 2],
-        plots: Vec::new(),
         is_repeated: true,
-        caption: "",
         readings: [placed(&before), placed(&after)],
-        notes: Vec::new(),
+        ..Compared::default()
     };
     Ok((compared, charts))
 }
@@ -407,7 +392,7 @@ fn m_title(column: &str) -> String {
     column.trim_end_matches("_um").to_uppercase()
 }
 
-fn read_motions(path: &Path) -> Result<Vec<Motion>, Failure> {
+fn read_motions(path: &Path) -> Result<Vec<Motion>> {
     let mut table = table::open(path)?;
     let (position, direction) = (table.require("position_mm")?, table.find("direction"));
     let columns =

@@ -1,12 +1,9 @@
 //! The head of a report as a file in TOML (`docs/how-to/reports.md`); every key is optional.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use crate::files::from_toml;
+use crate::prelude::*;
 
 use serde::Deserialize;
-
-use crate::Failure;
-use crate::input::{self, InputKind};
 
 /// Figures of one test with their limits or uncertainties, by their keys such as `a-um`.
 pub(crate) type Numbers = BTreeMap<String, f64>;
@@ -135,26 +132,26 @@ pub(crate) struct HeadFile {
 
 impl HeadFile {
     /// Reads a head.
-    pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let text = input::read_text(path, InputKind::Description)?;
-        let bad = |what: &dyn core::fmt::Display| mistake!(path, "{what}");
-        let head: Self =
-            toml::from_str(text.strip_prefix('\u{feff}').unwrap_or(&text)).map_err(|e| bad(&e))?;
+        let head: Self = from_toml(path, &text)?;
         for (section, tests) in [("tolerance", &head.tolerance), ("uncertainty", &head.uncertainty)] {
             for (test, figures) in tests {
                 if !TESTS.contains(&test.as_str()) {
                     let known = TESTS.map(|t| format!("[{section}.{t}]")).join(", ");
-                    return Err(bad(&format_args!(
+                    return Err(mistake!(
+                        path,
                         "unknown section [{section}.{test}]; expected one of {known}"
-                    )));
+                    ));
                 }
                 let wrong = |(key, v): &(&String, &f64)| {
                     !v.is_finite() || **v < 0.0 && (section == "uncertainty" || !is_lower(key))
                 };
                 if let Some((key, v)) = figures.iter().find(wrong) {
-                    return Err(bad(&format_args!(
+                    return Err(mistake!(
+                        path,
                         "[{section}.{test}] {key} = {v}: expected a finite number, 0 or above"
-                    )));
+                    ));
                 }
             }
         }
@@ -165,7 +162,7 @@ impl HeadFile {
         ];
         for (key, value, least) in numbers {
             if let Some(v) = value.filter(|v| !v.is_finite() || *v < least) {
-                return Err(bad(&format_args!("[test] {key} = {v}: expected a finite number above {least}")));
+                return Err(mistake!(path, "[test] {key} = {v}: expected a finite number above {least}"));
             }
         }
         Ok(head)

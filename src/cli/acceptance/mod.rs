@@ -4,14 +4,10 @@
 mod head_file;
 pub(crate) mod verdicts;
 
-use std::path::{Path, PathBuf};
-
-use crate::Failure;
-use crate::report::Page;
-use crate::report::page::Cell;
+use crate::prelude::*;
 use head_file::Numbers;
 pub(crate) use head_file::{Compensation, HeadFile, Text};
-use verdicts::{Assessed, NOT_STATED};
+pub(crate) use verdicts::{Assessed, Judged, NOT_STATED, summary};
 
 /// Arguments of every report that is handed over.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -80,7 +76,7 @@ pub(crate) struct Acceptance {
 
 impl Acceptance {
     /// Reads what the arguments name; `keys` are the figures of the test that may have a tolerance.
-    pub(crate) fn load(args: &HeadArgs, test: &str, keys: &[String]) -> Result<Self, Failure> {
+    pub(crate) fn load(args: &HeadArgs, test: &str, keys: &[String]) -> Result<Self> {
         let mut head = args.head.as_deref().map(HeadFile::read).transpose()?.unwrap_or_default();
         let keys: Vec<String> = keys.iter().map(|k| toml_key(k)).collect();
         let expected = format!("expected one of {}", keys.join(", "));
@@ -148,8 +144,7 @@ impl Acceptance {
         let (machine, test, instrument) = (&self.head.machine, &self.head.test, &self.head.instrument);
         let text = |t: &Option<Text>| t.as_ref().map(|t| t.0.clone());
         let both = |parts: [Option<String>; 2]| {
-            let parts: Vec<String> = parts.into_iter().flatten().collect();
-            (!parts.is_empty()).then(|| parts.join(", "))
+            Some(parts.into_iter().flatten().joined(", ")).filter(|parts| !parts.is_empty())
         };
         let number = |v: Option<f64>, unit: &str| v.map(|v| format!("{v} {unit}"));
         let temperature = [test.temperature_start_degc, test.temperature_end_degc];

@@ -1,8 +1,7 @@
 //! Figures against their tolerances by ISO 14253-1, as cells of a table, text and JSON.
 
-use serde_json::{Map, Value, json};
-
 use super::Acceptance;
+use crate::prelude::*;
 use volcomp_evaluate::{Conformity, Uncertain};
 
 /// A figure with what is known about it.

@@ -5,25 +5,17 @@ mod settings;
 mod text_report;
 
 use std::io::IsTerminal as _;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-use serde_json::{Value, json};
 
 use self::settings::{Setting, settings};
 pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{Size, kinds_of};
 use self::text_report::{describe_machine, describe_model, expiry_note, machine_notes, model_as_json};
-use super::input::{self, InputKind};
-use super::numerals::micro;
-use super::quantities::{offset_out, offset_unit};
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
-use volcomp_config as config;
-use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
+use crate::prelude::*;
+use volcomp_config::{ConfigErrors, Diagnostic, FileKind};
 use volcomp_daemon::with_additions;
 use volcomp_effects::extend::Fate;
 use volcomp_estimate::live::{LiveEstimator, LiveModel};
-use volcomp_model::Model;
 
 /// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
 ///
@@ -41,7 +33,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let outcomes: Vec<Outcome> = args.files.iter().map(|f| Outcome::of(f)).collect();
     let report = if args.json {
         let ok = outcomes.iter().all(|o| o.problem.is_none());
@@ -56,8 +48,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
     #[expect(clippy::disallowed_methods, reason = "colours are for a terminal, and NO_COLOR is respected")]
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
-    Err(Failure::new(code, message.join("\n\n")))
+    let message = problems.iter().map(|p| p.as_text(color)).joined("\n\n");
+    Err(Failure::new(code, message))
 }
 
 /// What came out of one file.
@@ -299,7 +291,7 @@ impl Found {
                 }
             }
         }
-        lines.iter().map(|line| micro(line)).collect::<Vec<_>>().join("\n")
+        lines.iter().map(|line| micro(line)).joined("\n")
     }
 
     fn as_json(&self) -> Value {

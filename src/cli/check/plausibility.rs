@@ -1,10 +1,9 @@
 //! Notes on settings that are allowed and defeat their purpose; one rule each, where the consequence can be computed.
 
-use volcomp_config::{AxisConfig, MachineConfig};
-use volcomp_model::spec::ModelSpec;
+use volcomp_config::AxisConfig;
 
-use crate::numerals::{counted, figure};
-use crate::quantities::{offset_as_is, offset_unit, position_unit, range_words, rounded};
+use crate::prelude::*;
+use crate::quantities::offset_as_is;
 
 /// Longest time for an offset at its limit to leave, s.
 const LEAVING_S_MAX: f64 = 60.0;

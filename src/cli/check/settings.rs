@@ -1,11 +1,8 @@
 //! The settings of a machine file that are in force, stated or default.
 
-use serde_json::{Value, json};
-
-use crate::quantities::{offset_out, offset_unit, position_out, position_unit, rounded};
-use volcomp_config::{AxisConfig, MachineConfig, place_of};
+use crate::prelude::*;
+use volcomp_config::{AxisConfig, place_of};
 use volcomp_engine::LimitTime;
-use volcomp_units::axes::AxisKind;
 
 /// One setting in the unit of its key.
 pub(super) struct Setting {

@@ -1,26 +1,16 @@
 //! Text and JSON of `check`: contents of a machine or model file, and remarks on what is allowed but unusual.
 
-use serde_json::{Value, json};
-
 use super::plausibility;
 use crate::identity;
 use crate::model::gauge;
 use crate::model::report::{axis_words, errors};
-use crate::numerals::plain;
-use crate::quantities::{
-    error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
-};
-use crate::report::Table;
-use crate::units::key;
+use crate::prelude::*;
+use volcomp_config::Policy;
 use volcomp_config::model::{kind_of, section_of};
-use volcomp_config::{MachineConfig, ModelFile, Policy};
 use volcomp_daemon::models::guard::is_expired;
 use volcomp_estimate::Thermal;
 use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_model::extremes::Bounds;
-use volcomp_model::spec::ModelSpec;
-use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
-use volcomp_units::axes::{AxisKind, AxisName};
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
     let (address, protection) = (machine.link.address, identity::protection(machine));
@@ -149,11 +139,10 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         ));
     }
     out.extend(plausibility::notes(machine, model));
-    let used: Vec<&str> = file.growths_in_use().map(|t| t.name.as_str()).collect();
+    let used = file.growths_in_use().map(|t| t.name.as_str()).joined(", ");
     if machine.sensors.spec.sensors.is_empty() && !used.is_empty() {
         out.push(format!(
-            "thermal {} stays zero: the machine file lists no [[sensor]] for its temperatures and speeds",
-            used.join(", ")
+            "thermal {used} stays zero: the machine file lists no [[sensor]] for its temperatures and speeds"
         ));
     }
     if machine.link.is_exposed() {
@@ -166,16 +155,13 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         .map(|a| a.name)
         .collect();
     if !unlimited.is_empty() {
-        let names: Vec<String> = unlimited.iter().map(ToString::to_string).collect();
+        let names = unlimited.iter().joined(", ");
         let keys = [(AxisKind::Linear, "soft-limit-mm"), (AxisKind::Rotary, "soft-limit-deg")];
         let missing = |kind: AxisKind| unlimited.iter().any(|a| a.kind() == kind);
-        let keys: Vec<&str> = keys.into_iter().filter(|(k, _)| missing(*k)).map(|(_, key)| key).collect();
+        let keys = keys.into_iter().filter(|(k, _)| missing(*k)).map(|(_, key)| key).joined(" and ");
         out.push(format!(
-            "no {} for {}: nothing here keeps an offset from carrying an axis over a soft limit of the machine; the control \
-             has to",
-            keys.join(" and "),
-            names.join(", ")
-        ));
+            "no {keys} for {names}: nothing here keeps an offset from carrying an axis over a soft limit of the machine; the control \
+             has to"));
     }
     let mut cut_off = Vec::new();
     for axis in &machine.axes {

@@ -3,15 +3,11 @@
 //! It is written beside the addition, so that `volcomp model extend` has a model that the addition suits: without errors of its
 //! own, the whole deviation is what the addition holds.
 
-use crate::{EX_SOFTWARE, Failure};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::Session;
 use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
-use volcomp_model::{AxisSpec, Chain, Model, ModelSpec};
-use volcomp_units::axes::AxisName;
 
 /// Machine id of the ideal model.
 const MACHINE: &str = "ideal";
@@ -24,7 +20,7 @@ pub(super) struct Rotary {
 }
 
 /// The ideal machine on which one rotary axis was tested.
-pub(super) fn rotary_machine(rotary: Rotary) -> Result<(Machine, Model), Failure> {
+pub(super) fn rotary_machine(rotary: Rotary) -> Result<(Machine, Model)> {
     let linear = [AxisName::X, AxisName::Y, AxisName::Z].map(|a| (a, None));
     let spec = spec(&linear, Some(rotary))?;
     let model = Model::new(&spec).map_err(internal)?;
@@ -32,7 +28,7 @@ pub(super) fn rotary_machine(rotary: Rotary) -> Result<(Machine, Model), Failure
 }
 
 /// The ideal machine of a session as a model file; `None` where none of its axes has a known place in a chain.
-pub(super) fn model_file(session: &Session, rotary: Option<Rotary>) -> Result<Option<String>, Failure> {
+pub(super) fn model_file(session: &Session, rotary: Option<Rotary>) -> Result<Option<String>> {
     let axes: Vec<(AxisName, Option<[f64; 2]>)> =
         session.axes.iter().filter(|a| a.is_linear()).map(|a| (a.name(), travel(session, *a))).collect();
     if axes.is_empty() && rotary.is_none() {
@@ -51,14 +47,12 @@ fn internal(e: impl core::fmt::Display) -> Failure {
     failure!(EX_SOFTWARE, "ideal model: {e}")
 }
 
-fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result<ModelSpec, Failure> {
+fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result<ModelSpec> {
     let table = rotary.map_or_else(String::new, |r| format!("{}' ", r.axis));
     let linear: Vec<String> = axes.iter().map(|(a, _)| format!("{a} ")).collect();
     let chain = Chain::parse(&format!("[w {table}b {}t]", linear.concat())).map_err(internal)?;
     let mut spec = ModelSpec::new(MACHINE, chain);
-    for (name, travel) in axes {
-        spec.axes.push(AxisSpec { travel: *travel, ..AxisSpec::new(*name) });
-    }
+    spec.axes.extend(axes.iter().map(|(name, travel)| AxisSpec { travel: *travel, ..AxisSpec::new(*name) }));
     if let Some(r) = rotary {
         spec.axes.push(AxisSpec::new(r.axis));
         spec.tool_tip[(r.axis.direction() + 1) % 3] = r.radius_mm;

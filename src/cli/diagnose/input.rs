@@ -1,16 +1,11 @@
 //! Session files from disk.
 
-use std::path::Path;
-
 use super::instruments::{self, InstrumentArgs, Measurement};
-use crate::input::{self, InputKind};
-use crate::numerals::hull;
-use crate::table::{self, Table};
-use crate::{EX_DATAERR, Failure};
+use crate::prelude::*;
+use crate::table::Table;
 use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::{Note, Raw, Session, is_encoder};
 use volcomp_formats::detect;
-use volcomp_model::Model;
 
 /// A rotary axis that moves less stands still, rad.
 const TURNED_RAD: f64 = 1e-6;
@@ -29,7 +24,7 @@ pub(super) fn session(
     args: &InstrumentArgs,
     model: Option<&Model>,
     plan: bool,
-) -> Result<Source, Failure> {
+) -> Result<Source> {
     // what cannot be read twice is a session file
     if input::is_regular(path) {
         let bytes = input::head(path, InputKind::Capture, detect::HEAD as u64)?;
@@ -53,7 +48,7 @@ pub(super) fn session(
 }
 
 /// Refuses what is no session table at all, before one of its lines is called wrong.
-fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<(), Failure> {
+fn known(table: &Table) -> Result<()> {
     let names = table.columns();
     if names.iter().any(|n| is_quantity(n) || n == "instrument") {
         return Ok(());
@@ -69,7 +64,7 @@ fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<(), Failure> {
 }
 
 /// Reads a session table; empty fields become NaN.
-pub(super) fn read<R: std::io::BufRead>(table: &mut Table<R>) -> Result<Raw, Failure> {
+pub(super) fn read(table: &mut Table) -> Result<Raw> {
     let names: Vec<String> = table.columns().to_vec();
     let instrument = names.iter().position(|n| n == "instrument");
     let mut raw = Raw { file: table.file().to_owned(), ..Raw::default() };
@@ -125,7 +120,7 @@ fn as_plan(raw: &mut Raw) {
 
 /// Refuses rotary axes that turn while nobody says where they stand in the chain: their errors would pass for others.
 /// The control's own encoders do not see the structure: there a note says what cannot be searched for.
-pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), Failure> {
+pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<()> {
     let turns = |a: &Axis| {
         let [low, high] = hull(session.moments.iter().map(|m| m.position[a.slot()]));
         high - low > TURNED_RAD
@@ -158,7 +153,7 @@ pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), 
 mod tests {
     use super::*;
 
-    fn columns(text: &str) -> Result<Vec<String>, Failure> {
+    fn columns(text: &str) -> Result<Vec<String>> {
         let mut table = Table::new(std::io::Cursor::new(text.to_owned()), "s.csv".to_owned())?;
         read(&mut table).map(|raw| raw.names)
     }

@@ -1,9 +1,6 @@
 //! Logs of the machine, and which of them belong to which session file.
 
-use std::path::{Path, PathBuf};
-
-use crate::table;
-use crate::{EX_DATAERR, Failure};
+use crate::prelude::*;
 use volcomp_diagnose::machine_state::Source;
 use volcomp_diagnose::session::{History, Note, Raw};
 
@@ -34,7 +31,7 @@ struct Series {
 
 impl Logs {
     /// Reads logs.
-    pub(super) fn read(paths: &[PathBuf]) -> Result<Self, Failure> {
+    pub(super) fn read(paths: &[PathBuf]) -> Result<Self> {
         let mut notes = Vec::new();
         let logs = paths.iter().map(|path| Log::read(path, &mut notes)).collect::<Result<_, _>>()?;
         Ok(Self { logs, notes })
@@ -43,7 +40,7 @@ impl Logs {
     /// The logs of each session file, joined by time. A log belongs to the files whose readings it touches in time and whose
     /// own temperatures it does not contradict: others have another clock. Of logs that contradict each other those in the
     /// folder of the session are its own. Notes say what is not used.
-    pub(super) fn of(&self, raws: &[Raw]) -> Result<(History, Vec<Note>), Failure> {
+    pub(super) fn of(&self, raws: &[Raw]) -> Result<(History, Vec<Note>)> {
         let (mut history, mut notes) = (History::default(), self.notes.clone());
         for (file, raw) in raws.iter().enumerate() {
             let readings = span(raw);
@@ -57,7 +54,7 @@ impl Logs {
     }
 
     /// The logs of one session file.
-    fn own(&self, raw: &Raw, readings: [f64; 2], notes: &mut Vec<Note>) -> Result<Vec<&Log>, Failure> {
+    fn own(&self, raw: &Raw, readings: [f64; 2], notes: &mut Vec<Note>) -> Result<Vec<&Log>> {
         let folder = folder_of(&raw.file);
         let is_beside = |log: &Log| folder.is_some() && log.folder == folder;
         let mut logs: Vec<&Log> = self.logs.iter().collect();
@@ -176,7 +173,7 @@ impl Series {
 }
 
 impl Log {
-    fn read(path: &Path, notes: &mut Vec<Note>) -> Result<Self, Failure> {
+    fn read(path: &Path, notes: &mut Vec<Note>) -> Result<Self> {
         let mut table = table::open(path)?;
         let file = table.file().to_owned();
         let t = table.require("t_s")?;

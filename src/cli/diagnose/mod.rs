@@ -10,25 +10,21 @@ mod text_report;
 
 use std::fs;
 use std::io::{self, IsTerminal};
-use std::path::PathBuf;
-
-use clap::Parser;
 
 use self::ideal::Rotary;
 use self::input::Source;
 use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{is_of, read_addition};
-use super::files::{read_hashed_model, write_text};
-use super::{EX_DATAERR, Failure, exit};
+use super::exit;
+use super::files::read_hashed_model;
+use crate::prelude::*;
 use volcomp_diagnose::library::{Label, Without};
 use volcomp_diagnose::session::{Note, Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::{Addition, Base};
 use volcomp_effects::machine_state::{Machine, MachineAxis};
 use volcomp_effects::prediction::machine_of;
-use volcomp_model::Model;
-use volcomp_units::deg_from_rad;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
 ///
@@ -41,7 +37,7 @@ use volcomp_units::deg_from_rad;
 ///
 /// Without --model the machine is ideal, with the axes of the data; it is written to model.toml in --out, ready for volcomp
 /// model extend.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 #[command(after_help = "Examples:\n  \
     volcomp diagnose test.dat\n  \
     volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \
@@ -127,7 +123,7 @@ fn without(text: &str) -> Result<Without, String> {
     Ok(Without { effect, subject })
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(name) = &args.list_effects {
         return text_report::list_effects(name);
     }
@@ -206,7 +202,7 @@ fn load(
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
-) -> Result<(Session, Option<Rotary>, usize), Failure> {
+) -> Result<(Session, Option<Rotary>, usize)> {
     let mut raws: Vec<Raw> = Vec::with_capacity(files.len());
     let (mut detected, mut rotary) = (Vec::new(), None);
     for path in files {

@@ -1,14 +1,11 @@
 //! Names, values and sentences of the diagnosis as a metrologist reads them, for the page and for the text on stdout.
 
-use std::collections::BTreeMap;
-
+use crate::prelude::*;
 use volcomp_diagnose::library::{Effect, Kind};
 use volcomp_diagnose::report::{Cause, Value, Verdict};
 use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
 use volcomp_effects::{squareness_symbol, unit_of};
-use volcomp_model::{Chain, ModelSpec};
-use volcomp_units::{arcsec_from_rad, mm_from_um};
 
 /// Coverage factor of all uncertainties shown.
 pub(super) const COVERAGE: f64 = 2.0;
@@ -144,7 +141,7 @@ fn words_of(stem: &str) -> String {
         Some(time) if !time.is_empty() && time.bytes().all(|b| b.is_ascii_digit()) => format!("{time} s"),
         _ => word.to_owned(),
     };
-    stem.trim_end_matches("_1").split('_').map(word).collect::<Vec<_>>().join(" ")
+    stem.trim_end_matches("_1").split('_').map(word).joined(" ")
 }
 
 /// Peak to valley of the fitted curves of a cause, with its uncertainty, angular readings as angles; the largest where there are
@@ -173,7 +170,7 @@ pub(super) fn with_names(text: &str) -> String {
             _ => word.to_owned(),
         }
     };
-    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+    text.split(' ').map(word).joined(" ")
 }
 
 /// Shares of the mean square of the gap that are no cause's: what is unexplained, drift and noise. With those of the causes they

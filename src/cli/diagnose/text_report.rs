@@ -1,10 +1,7 @@
 //! Text of `diagnose` on stdout: the summary, the effects, what a plan can detect.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
-use crate::numerals::counted;
-use crate::{Failure, exit};
+use crate::exit;
+use crate::prelude::*;
 use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::{EFFECTS, Effect, Kind};
 use volcomp_diagnose::plan::PlanReport;
@@ -34,7 +31,7 @@ fn with_subject(e: &Effect) -> String {
 }
 
 /// All effects in a line each, or the page of one.
-pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
+pub(super) fn list_effects(name: &str) -> Result<()> {
     if name.is_empty() {
         for e in EFFECTS {
             say!("{:38} {:10} {}", with_subject(e), kind(e.kind), e.cause);
@@ -48,11 +45,11 @@ pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
     }
     let stem = name.split(':').next().unwrap_or(name).to_ascii_lowercase();
     let Some(e) = Effect::find(&stem) else {
-        let names: Vec<&str> = EFFECTS.iter().map(|e| e.name).collect();
-        return Err(usage!("--list-effects {name}: no such effect; effects are {}", names.join(", ")));
+        let names = EFFECTS.iter().map(|e| e.name).joined(", ");
+        return Err(usage!("--list-effects {name}: no such effect; effects are {names}"));
     };
     say!("{}", with_subject(e));
-    say!("  also called     {}", e.synonyms.split(' ').collect::<Vec<_>>().join(", "));
+    say!("  also called     {}", e.synonyms.split(' ').joined(", "));
     say!("  kind            {}", kind(e.kind));
     say!("  cause           {}", e.cause);
     say!("  formula         {}", e.formula);
@@ -76,7 +73,7 @@ pub(super) fn summary(
     compensable: &Compensable,
     stated: usize,
     out: Option<&Path>,
-) -> Result<(), Failure> {
+) -> Result<()> {
     let r = &found.report;
     say!("{}: {}", r.verdict.words(), headline(found));
     say!("{} of {} used", r.rows_used, counted(r.rows, "reading"));
@@ -92,14 +89,12 @@ pub(super) fn summary(
     let drifts = r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um);
     for all in drifts.collect::<Vec<_>>().chunk_by(|a, b| (a.drift_um, a.drift_s) == (b.drift_um, b.drift_s))
     {
-        let names: Vec<&str> = all.iter().map(|n| n.instrument.as_str()).collect();
-        let whites: Vec<String> = all.iter().map(|n| um(n.white_um)).collect();
+        let names = all.iter().map(|n| n.instrument.as_str()).joined(", ");
+        let whites = all.iter().map(|n| um(n.white_um)).joined(", ");
         say!(
-            "drift of {}: {} µm over {}, noise {} µm; slow effects may be hidden by it",
-            names.join(", "),
+            "drift of {names}: {} µm over {}, noise {whites} µm; slow effects may be hidden by it",
             um(all[0].drift_um),
-            session.span(all[0].drift_s),
-            whites.join(", ")
+            session.span(all[0].drift_s)
         );
     }
     for p in r.places.iter().take(4) {
@@ -207,7 +202,7 @@ fn unidentifiable(found: &Diagnosis) {
     for (because, names) in reasons.iter().take(REASONS) {
         let named =
             |(name, of): (&&str, &Vec<&str>)| format!("{name} {}", of.join(" ")).trim_end().to_owned();
-        say!("      {}: {because}", names.iter().map(named).collect::<Vec<_>>().join(", "));
+        say!("      {}: {because}", names.iter().map(named).joined(", "));
     }
 }
 
@@ -224,7 +219,7 @@ fn doubts(c: &Cause) {
 }
 
 /// What a plan sees.
-pub(super) fn plan(p: &PlanReport, json: bool) -> Result<(), Failure> {
+pub(super) fn plan(p: &PlanReport, json: bool) -> Result<()> {
     if json {
         let text = serde_json::to_string_pretty(p).map_err(|e| failure!(crate::EX_SOFTWARE, "{e}"))?;
         return exit::print(&format!("{text}\n"));

@@ -5,17 +5,9 @@
 mod picture;
 mod text_report;
 
-use std::path::PathBuf;
-
-use super::Failure;
-use super::files::{read_model_file, write_text};
-use super::numerals::micro;
 use super::progress::Steps;
-use super::report::Page;
-use super::report::page::Cell;
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_model::compare::{Comparison, compare};
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Exit code where the models differ.
 const DIFFERENT: u8 = 1;
@@ -57,7 +49,7 @@ struct Diff {
     found: Comparison,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let files = [read_model_file(&args.first)?, read_model_file(&args.second)?];
     let steps = Steps::new();
     let found = compare(&files[0].spec, &files[1].spec, |done, of| steps.show(done, of))
@@ -77,9 +69,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         json["same"] = same.into();
         super::exit::print(&format!("{json:#}\n"))?;
     } else {
-        super::exit::print(
-            &(text_report::lines(&diff).iter().map(|line| micro(line)).collect::<Vec<_>>().join("\n") + "\n"),
-        )?;
+        super::exit::print(&(text_report::lines(&diff).iter().map(|line| micro(line)).joined("\n") + "\n"))?;
     }
     if same { Ok(()) } else { Err(Failure::new(DIFFERENT, "")) }
 }
@@ -96,7 +86,7 @@ impl Args {
     }
 }
 
-fn page(diff: &Diff) -> Result<String, Failure> {
+fn page(diff: &Diff) -> Result<String> {
     let [a, b] = &diff.names;
     let mut page = Page::new(&format!("{a} and {b}"));
     page.paragraph("What is different between two models. Differences are second minus first.");

@@ -1,15 +1,10 @@
 //! The curves that differ: what the first and what the second model says, in relative sense.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use super::Diff;
-use crate::quantities::{error_out, position_out, position_unit};
-use crate::report::plot::{
-    Area, Axes, BLUE, Drawn, GREY, Key, SHEET_WIDTH, Svg, legend, svg_of, with_room, words,
-};
-use volcomp_model::Model;
+use crate::prelude::*;
 use volcomp_model::compare::{ErrorDifference, relative_values};
-use volcomp_units::axes::Travel;
 
 const COLUMNS: usize = 2;
 const ROW: u32 = 250;

@@ -1,22 +1,10 @@
 //! Text and JSON of `diff`.
 
-use serde_json::{Map, Value, json};
-
 use super::Diff;
-use crate::numerals::signed;
-use crate::quantities::{
-    error_out, error_unit, list, offset_out, offset_unit, point, pose_json, pose_words, position_out,
-    position_unit, range_words, rounded, vector,
-};
-use crate::report::Table;
-use crate::units::key;
-use volcomp_config::Provenance;
-use volcomp_model::ErrorSymbol;
+use crate::prelude::*;
+use crate::quantities::{corrections_json, list, point, pose_json, pose_words, vector};
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
-use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Everything in lines.
 pub(super) fn lines(diff: &Diff) -> Vec<String> {
@@ -69,7 +57,7 @@ fn change_words(change: &Change) -> String {
                 let at = |(axis, v): &(AxisName, f64)| {
                     format!("{axis} {} {}", position_out(*axis, *v), position_unit(*axis))
                 };
-                if d.is_empty() { "none".to_owned() } else { d.iter().map(at).collect::<Vec<_>>().join(" ") }
+                if d.is_empty() { "none".to_owned() } else { d.iter().map(at).joined(" ") }
             });
             of("datum".to_owned(), words)
         }
@@ -135,11 +123,11 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
         let [low, high] = range.map(|q| short(position_out(axis, q)));
         format!("{axis} {low} to {high} {}", position_unit(axis))
     });
-    let ranges: Vec<String> = ranges.collect();
+    let ranges = ranges.joined(", ");
     let mut out = vec![if ranges.is_empty() {
         "no axis has a travel: compared at home only".to_owned()
     } else {
-        format!("searched {} ({} poses)", ranges.join(", "), v.poses)
+        format!("searched {ranges} ({} poses)", v.poses)
     }];
     let bound = |b: Option<f64>, f: fn(f64) -> f64, unit: &str| {
         b.map_or(String::new(), |b| format!("; nowhere above {:.2} {unit}", f(b)))
@@ -181,9 +169,7 @@ pub(super) fn provenance(diff: &Diff) -> Vec<String> {
     let [a, b] = &diff.files;
     let mut out = Vec::new();
     describe(&mut out, "file", &a.provenance, &b.provenance);
-    let mut symbols: Vec<ErrorSymbol> = a.of_errors.iter().chain(&b.of_errors).map(|(s, _)| *s).collect();
-    symbols.sort_unstable();
-    symbols.dedup();
+    let symbols: BTreeSet<ErrorSymbol> = a.of_errors.iter().chain(&b.of_errors).map(|(s, _)| *s).collect();
     for symbol in symbols {
         let of = |list: &[(ErrorSymbol, Provenance)]| {
             list.iter().find(|(s, _)| *s == symbol).map(|(_, p)| p.clone()).unwrap_or_default()
@@ -196,7 +182,7 @@ pub(super) fn provenance(diff: &Diff) -> Vec<String> {
 fn describe(out: &mut Vec<String>, whose: &str, a: &Provenance, b: &Provenance) {
     let fields = |p: &Provenance| -> Vec<(&'static str, String)> {
         let text = |t: &Option<String>| t.clone().unwrap_or_else(|| "-".to_owned());
-        let sources = p.sources.iter().map(|s| s.to_string()).collect::<Vec<_>>().join("; ");
+        let sources = p.sources.iter().map(|s| s.to_string()).joined("; ");
         vec![
             ("instrument", text(&p.instrument)),
             ("date", text(&p.date)),
@@ -209,11 +195,8 @@ fn describe(out: &mut Vec<String>, whose: &str, a: &Provenance, b: &Provenance) 
             ("note", text(&p.note)),
         ]
     };
-    for ((name, x), (_, y)) in fields(a).into_iter().zip(fields(b)) {
-        if x != y {
-            out.push(format!("{whose} {name}: {x} -> {y}"));
-        }
-    }
+    let changed = fields(a).into_iter().zip(fields(b)).filter(|(x, y)| x != y);
+    out.extend(changed.map(|((name, x), (_, y))| format!("{whose} {name}: {x} -> {y}")));
 }
 
 /// Everything for programs.
@@ -249,14 +232,7 @@ fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {
     let pose = |pose| pose_json(chain, pose);
     let um = |v: f64| rounded(um_from_mm(v));
     let arcsec = |v: f64| rounded(arcsec_from_rad(v));
-    let mut corrections = Map::new();
-    for (k, (axis, found)) in chain.axes().iter().map(|a| a.name).zip(&v.offsets).enumerate() {
-        if let Some(found) = found {
-            let value = offset_out(axis, found.offset[k]);
-            let entry = json!({format!("largest_{}", offset_unit(axis)): value, "at": pose(&found.pose)});
-            corrections.insert(axis.lower().to_string(), entry);
-        }
-    }
+    let offsets = v.offsets.iter().map(|d| d.as_ref().map(|d| (&d.offset[..], &d.pose)));
     json!({
         "position": {
             "largest_um": um(v.position.position.norm()),
@@ -279,7 +255,7 @@ fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {
             "shift_um": list(&v.rigid[0].map(um_from_mm)),
             "turn_arcsec": list(&v.rigid[1].map(arcsec_from_rad)),
         },
-        "corrections": corrections,
+        "corrections": corrections_json(chain, offsets),
         "poses": v.poses,
     })
 }

@@ -1,26 +1,19 @@
 //! `evaluate iso230-4`: circular test.
 
 use core::f64::consts::TAU;
-use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use serde_json::{Map, Value, json};
 
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, put_before, side_by_side,
-    values,
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, side_by_side, values,
 };
-use crate::acceptance::verdicts::{Assessed, Judged};
-use crate::acceptance::{Acceptance, Stated};
-use crate::arg_parsers::not_negative;
-use crate::numerals::{counted, plain};
+use crate::acceptance::{Acceptance, Assessed, Judged, Stated};
+use crate::prelude::*;
 use crate::units::check_size;
-use crate::{Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
-use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 const UNCERTAINTY: &str = "Uncertainty of the measurement (k = 2)";
 const STANDARD: &str = "Circular test, ISO 230-4:2022";
@@ -39,7 +32,7 @@ enum CentringArg {
 /// `cncsim measure ballbar` are read as they are: what a run travels beyond one turn is overshoot and is cut, half at
 /// either end; a file with several feeds needs --feed-mm-per-min.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), optional feed_mm_per_min and run; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,
@@ -103,7 +96,7 @@ pub(crate) const fn reading(s: &Sample) -> CircularReading {
 }
 
 /// The samples of a file, which may have these columns and no others.
-pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>, Failure> {
+pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
@@ -126,7 +119,7 @@ fn read(
     wanted_feed: Option<f64>,
     overshoot: Option<f64>,
     uncertainties: CircularUncertainties,
-) -> Result<Evaluated, Failure> {
+) -> Result<Evaluated> {
     let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
     let samples = of_one_feed(wanted_feed, path, samples(path, &known)?)?;
     let largest = samples.iter().map(|s| um_from_mm(s.deviation).abs()).fold(0.0, f64::max);
@@ -147,11 +140,11 @@ fn read(
 }
 
 /// The readings of the feed asked for; of several feeds one must be.
-fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
+fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>> {
     let mut feeds: Vec<f64> = samples.iter().filter_map(|s| s.feed).collect();
     feeds.sort_by(f64::total_cmp);
     feeds.dedup();
-    let list = || feeds.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    let list = || feeds.iter().map(f64::to_string).joined(", ");
     match wanted {
         Some(wanted) if feeds.contains(&wanted) => {
             Ok(samples.into_iter().filter(|s| s.feed == Some(wanted)).collect())
@@ -168,7 +161,7 @@ fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let centring = match args.centring {
         CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
         CentringArg::None => Centring::None,
@@ -187,15 +180,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let pictures = headed(before.as_ref().map(|b| b.shown(args.plane, args.radius_mm)), after_shown);
     let division = drawing::scale(pictures.iter().map(|(_, shown)| shown));
     args.output.deliver(
+        &judged,
         || drawing::whole(title, &pictures, division),
         || report(args, title, &judged, &after, old.as_deref(), &pictures),
         || {
-            let mut out = as_json(&judged.figures, &after);
-            judged.put(&mut out);
-            if let Some((before, old)) = before.as_ref().zip(old.as_deref()) {
-                put_before(&mut out, as_json(old, before));
-            }
-            out
+            let before = before.as_ref().zip(old.as_deref()).map(|(before, old)| as_json(old, before));
+            (as_json(&judged.figures, &after), before)
         },
         || {
             let file = args.output.data(&args.data).display();
@@ -244,7 +234,7 @@ fn report(
     after: &Evaluated,
     old: Option<&[Assessed]>,
     pictures: &[(&str, Shown<'_>)],
-) -> Result<String, Failure> {
+) -> Result<String> {
     let [a, b] = args.plane;
     let mut facts = vec![("plane", format!("{a}{b}, angles from {a} towards {b}"))];
     facts.extend(args.radius_mm.map(|r| ("nominal radius", format!("{r} mm"))));
@@ -279,7 +269,7 @@ fn report(
 const SECTORS: f64 = 360.0;
 
 /// Two tests for `volcomp verify`: radial deviations about the common least-squares circle.
-pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared> {
     let centring = Centring::LeastSquares { radius: options.radius_mm };
     let u = CircularUncertainties::of(options.u_device, None, None);
     let read = |path: &Path| read(path, centring, options.feed_mm_per_min, None, u);

@@ -1,36 +1,26 @@
 //! `evaluate iso230-6`: four body diagonals, each like a positioning test.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, put_before, show,
-    side_by_side,
+    CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, show, side_by_side,
 };
-use crate::acceptance::verdicts::{Assessed, Judged};
-use crate::acceptance::{Acceptance, Stated};
-use crate::numerals::counted;
+use crate::acceptance::{Acceptance, Assessed, Judged};
 use crate::positioning_data::TestColumns;
+use crate::prelude::*;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
-use crate::report::{Page, Table};
 use crate::units::check_size;
-use crate::{Failure, table};
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
 };
-use volcomp_units::axes::AxisKind;
-use volcomp_units::um_from_mm;
 
 /// Four body diagonals by ISO 230-6, each like a positioning test
 ///
 /// The diagonals are named by the signs with which X, Y and Z move: ppp npp pnp ppn.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with diagonal (ppp npp pnp ppn),cycle,direction,target_mm,deviation_um; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,
@@ -49,7 +39,7 @@ struct Evaluated {
     result: DiagonalTest,
 }
 
-fn read(path: &Path) -> Result<Evaluated, Failure> {
+fn read(path: &Path) -> Result<Evaluated> {
     let mut table = table::open(path)?;
     let name = table.require("diagonal")?;
     let columns = TestColumns::find(&table, &["diagonal"])?;
@@ -108,7 +98,7 @@ fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Condition
         .collect()
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let acceptance = Acceptance::load(&args.output.head, "iso230-6", &keys())?;
     let after = read(args.output.data(&args.data))?;
     let conditions = args.uncertainty.conditions(AxisKind::Linear)?;
@@ -118,19 +108,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let title = args.output.title("Body diagonals");
     let scale = scale(&after, before.as_ref());
     args.output.deliver(
+        &judged,
         || whole(title, &after, before.as_ref(), scale),
         || report(args, title, &judged, &after, before.as_ref().zip(old.as_deref()), scale),
-        || {
-            let mut report = object(&after.result);
-            judged.put(&mut report);
-            if let Some(before) = &before {
-                put_before(&mut report, object(&before.result));
-            }
-            report
-        },
-        || {
-            print(&after.result, old.as_deref(), &judged.figures);
-        },
+        || (object(&after.result), before.as_ref().map(|before| object(&before.result))),
+        || print(&after.result, old.as_deref(), &judged.figures),
     )
 }
 
@@ -201,7 +183,7 @@ fn four(test: &Evaluated, y: [f64; 2], area: &Area<'_>) -> Drawn {
 /// The signs of X, Y, Z.
 fn signs(diagonal: Diagonal) -> String {
     let sign = |(c, axis): (char, char)| format!("{}{axis}", if c == 'p' { '+' } else { '-' });
-    diagonal.name().chars().zip(['X', 'Y', 'Z']).map(sign).collect::<Vec<_>>().join(" ")
+    diagonal.name().chars().zip(['X', 'Y', 'Z']).map(sign).joined(" ")
 }
 
 /// The diagonals, before and after below each other.
@@ -216,7 +198,7 @@ fn report(
     after: &Evaluated,
     before: Option<(&Evaluated, &[Assessed])>,
     y: [f64; 2],
-) -> Result<String, Failure> {
+) -> Result<String> {
     let standard = "Positioning along the body diagonals, ISO 230-6:2002";
     let mut page = args.output.page([&args.data, &args.before], (title, standard), judged, &[]);
     page.heading("Worst of the four diagonals");
@@ -257,7 +239,7 @@ fn each(page: &mut Page, after: &Evaluated, before: Option<&Evaluated>) {
 }
 
 /// The test with each diagonal about its mean: the zero of the interferometer belongs to its set-up.
-fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated, Failure> {
+fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated> {
     let about = |(d, r): &(Diagonal, PositioningReading)| {
         let own = of(&test, *d);
         let mean = own.iter().map(|r| r.deviation).sum::<f64>() / own.len().max(1) as f64;
@@ -269,7 +251,7 @@ fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated, Failure> {
 }
 
 /// Two tests for `volcomp verify`.
-pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared> {
     let read = |path: &Path| about_means(path, read(path)?);
     let [before, after] = [read(files[0])?, read(files[1])?];
     let scales = [scale(&after, Some(&before)), scale(&after, None)];
@@ -284,7 +266,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         test: "iso230-6",
         standard: "Positioning along the body diagonals, ISO 230-6:2002; figures of the worst of the four",
         keys: keys(),
-        stated: Stated::default(),
         unit: "µm",
         figures: side_by_side(
             [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, &conditions)),
@@ -299,5 +280,6 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
              the set-up."
                 .to_owned(),
         ],
+        ..Compared::default()
     })
 }

@@ -1,21 +1,13 @@
 //! `evaluate gear`: profile and helix (lead) deviations of an involute gear.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::page;
 use super::picture::gear::{self as drawing, Panel};
-use super::{Output, change, percent, put_before, show};
-use crate::acceptance::Acceptance;
-use crate::acceptance::verdicts::Judged;
-use crate::arg_parsers::{above_zero, number};
-use crate::report::Table;
-use crate::{Failure, table};
+use super::{Output, change, percent, show};
+use crate::acceptance::{Acceptance, Judged};
+use crate::prelude::*;
 use volcomp_evaluate::gear::{
     CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, flanks, tolerance_um,
 };
-use volcomp_units::rad_from_deg;
 
 /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes
 ///
@@ -23,7 +15,7 @@ use volcomp_units::rad_from_deg;
 /// lengths from the base circle (profile) or distances from the datum face (lead). Readings of several passes at one
 /// position are averaged; every tooth is evaluated by itself; the figures are means over the teeth, slopes with their sign.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with direction (profile or lead), flank (left or right), tooth, position_mm, deviation_um and optional pass; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,
@@ -70,7 +62,7 @@ fn names(f: &OfFlank) -> (&'static str, &'static str, &'static str) {
     (direction, letter, flank)
 }
 
-fn gear(args: &Args) -> Result<Gear, Failure> {
+fn gear(args: &Args) -> Result<Gear> {
     let gear = Gear {
         teeth: args.teeth,
         module_mm: args.module_mm,
@@ -85,7 +77,7 @@ fn gear(args: &Args) -> Result<Gear, Failure> {
 }
 
 /// All flanks of a file, profiles first.
-fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
+fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>> {
     let mut table = table::open(path)?;
     let [direction, flank, tooth] =
         [table.require("direction")?, table.require("flank")?, table.require("tooth")?];
@@ -109,7 +101,7 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
     })
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     let judged = Judged { acceptance, figures: Vec::new() };
     let gear = gear(args)?;
@@ -124,15 +116,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let old = before.as_ref().map(|b| lines(&gear, b));
     let table = figures(&lines(&gear, &after), old.as_deref());
     args.output.deliver(
+        &judged,
         || drawing::whole(title, &shown, drawing::step_um(&shown)),
         || report(args, title, &judged, &gear, &table, &shown),
-        || {
-            let mut out = as_json(&gear, &after);
-            if let Some(before) = &before {
-                put_before(&mut out, as_json(&gear, before));
-            }
-            out
-        },
+        || (as_json(&gear, &after), before.as_ref().map(|before| as_json(&gear, before))),
         || {
             let traces: usize = after.iter().map(|f| f.teeth.len()).sum();
             let file = args.output.data(&args.data).display();
@@ -255,7 +242,7 @@ fn report(
     gear: &Gear,
     figures: &Table,
     shown: &[(&'static str, Vec<Panel>)],
-) -> Result<String, Failure> {
+) -> Result<String> {
     let [profile, lead] = [Direction::Profile, Direction::Helix].map(|d| gear.part(d).evaluation);
     let Gear { teeth, module_mm, face_width_mm, tip_diameter_mm, control_diameter_mm, .. } = gear;
     let Args { pressure_angle_deg, helix_angle_deg, .. } = args;
@@ -276,6 +263,6 @@ fn report(
     let step = drawing::step_um(shown);
     let plot =
         |(heading, panels): &(&'static str, Vec<Panel>)| Ok((*heading, drawing::single(panels, step)?));
-    page.plots(&shown.iter().map(plot).collect::<Result<Vec<_>, Failure>>()?, caption);
+    page.plots(&shown.iter().map(plot).collect::<Result<Vec<_>>>()?, caption);
     Ok(page::finish(page, judged))
 }

@@ -12,34 +12,19 @@ mod plate;
 mod positioning;
 mod uncertainty_args;
 
-use std::path::{Path, PathBuf};
-
-use clap::Parser;
-use serde_json::{Map, Value, json};
-
-use super::acceptance::HeadArgs;
-use super::files::write_text;
-use super::numerals::{plain, signed};
-use super::{Failure, table};
-use crate::acceptance::verdicts::{Assessed, Judged};
+use super::acceptance::{Assessed, HeadArgs, Judged};
 use crate::acceptance::{Acceptance, Stated};
-use crate::report::Page;
+use crate::prelude::*;
 use crate::report::plot::Svg;
 use page::Origin;
 use volcomp_evaluate::{Device, Placed, Uncertain};
 
-/// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
-///
-/// Every test takes --before FILE, an earlier test of the same kind, and compares; --html FILE.html writes a page
-/// that needs no other file and prints on A4; --svg FILE.svg the plot alone.
-#[derive(Debug, Parser)]
-pub(super) struct Args {
-    #[command(subcommand)]
-    test: Test,
-}
-
 subcommands! {
-    enum Test {
+    /// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
+    ///
+    /// Every test takes --before FILE, an earlier test of the same kind, and compares; --html FILE.html writes a page
+    /// that needs no other file and prints on A4; --svg FILE.svg the plot alone.
+    pub(super) enum Test {
         /// Positioning of one axis: reversal, repeatability, systematic deviation, accuracy.
         Iso230_2(Box<positioning::Args>) => positioning::run,
         /// Circular test: circular error G and radial error F.
@@ -77,10 +62,6 @@ struct Output {
     head: HeadArgs,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    args.test.run()
-}
-
 impl Output {
     /// The file of data, by `--data` or as the positional argument; the parser asks for one of them.
     fn data<'a>(&'a self, named: &'a Option<PathBuf>) -> &'a Path {
@@ -105,14 +86,16 @@ impl Output {
         page::start(title, standard, judged, &origins, facts)
     }
 
-    /// Writes what was asked for; then JSON or text goes to stdout, where that is free.
+    /// Writes what was asked for; then JSON or text goes to stdout, where that is free. `json` are the figures, and those of the
+    /// test before; the verdicts and the changes are added.
     fn deliver(
         &self,
+        judged: &Judged,
         svg: impl FnOnce() -> Svg,
-        page: impl FnOnce() -> Result<String, Failure>,
-        json: impl FnOnce() -> Map<String, Value>,
+        page: impl FnOnce() -> Result<String>,
+        json: impl FnOnce() -> (Map<String, Value>, Option<Map<String, Value>>),
         print: impl FnOnce(),
-    ) -> Result<(), Failure> {
+    ) -> Result<()> {
         let stdout_taken = [&self.svg, &self.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
         if self.json && stdout_taken {
             return Err(usage!("--json and a picture or report cannot both go to stdout"));
@@ -126,7 +109,12 @@ impl Output {
             note!("report written: {}", path.display());
         }
         if self.json {
-            say!("{:#}", Value::Object(json()));
+            let (mut out, before) = json();
+            judged.put(&mut out);
+            if let Some(before) = before {
+                put_before(&mut out, before);
+            }
+            say!("{:#}", Value::Object(out));
         } else if !stdout_taken {
             print();
         }
@@ -135,6 +123,7 @@ impl Output {
 }
 
 /// Two measurements of one kind side by side, for `volcomp verify`.
+#[derive(Default)]
 pub(crate) struct Compared {
     /// Name of the test in JSON.
     pub(crate) test: &'static str,
@@ -189,17 +178,11 @@ impl Compared {
 }
 
 /// Compares two files of one test of ISO 230; `None` where the columns are of none.
-pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Option<Compared>, Failure> {
+pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Option<Compared>> {
     let kinds: Vec<Option<Kind>> = files.into_iter().map(kind).collect::<Result<_, _>>()?;
     match kinds[..] {
-        [Some(a), Some(b)] if a == b => match a {
-            Kind::Positioning => positioning::compare(files, options).map(Some),
-            Kind::Circle => circular::compare(files, options).map(Some),
-            Kind::Diagonals => diagonals::compare(files, options).map(Some),
-            Kind::Motions => Ok(None),
-        },
-        [Some(a), Some(b)] => {
-            let (a, b) = (a.words(), b.words());
+        [Some((a, compare)), Some((b, _))] if a == b => compare.map(|of| of(files, options)).transpose(),
+        [Some((a, _)), Some((b, _))] => {
             Err(data!(files[1], "{} is {a}, this is {b}; compare two files of one test", files[0].display()))
         }
         [None, None] => Ok(None),
@@ -212,44 +195,28 @@ fn no_test(path: &Path) -> Failure {
     data!(path, "not a table of readings of a test; volcomp verify --help names the kinds of files")
 }
 
-/// A test by the columns of its file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Positioning,
-    Circle,
-    Diagonals,
-    Motions,
-}
+/// A test in words, and how two of its kind are compared; none where the standard has no figures.
+type Kind = (&'static str, Option<fn([&Path; 2], CompareOptions) -> Result<Compared>>);
 
-impl Kind {
-    const fn words(self) -> &'static str {
-        match self {
-            Self::Positioning => "a positioning test (ISO 230-2)",
-            Self::Circle => "a circular test (ISO 230-4)",
-            Self::Diagonals => "a test of body diagonals (ISO 230-6)",
-            Self::Motions => "a run of error motions (ISO 230-1)",
-        }
-    }
-}
+const POSITIONING: Kind = ("a positioning test (ISO 230-2)", Some(positioning::compare));
+const CIRCLE: Kind = ("a circular test (ISO 230-4)", Some(circular::compare));
+const DIAGONALS: Kind = ("a test of body diagonals (ISO 230-6)", Some(diagonals::compare));
+const MOTIONS: Kind = ("a run of error motions (ISO 230-1)", None);
 
-fn kind(path: &Path) -> Result<Option<Kind>, Failure> {
-    let is_dat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dat"));
-    if is_dat {
-        return Ok(Some(Kind::Positioning));
+/// The kind of a file by its columns.
+fn kind(path: &Path) -> Result<Option<Kind>> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dat")) {
+        return Ok(Some(POSITIONING));
     }
     let table = table::open(path)?;
     let has = |name: &str| table.find(name).is_some();
-    Ok(if has("diagonal") {
-        Some(Kind::Diagonals)
-    } else if has("angle_deg") && has("deviation_um") {
-        Some(Kind::Circle)
-    } else if has("target_mm") || has("target_deg") {
-        Some(Kind::Positioning)
-    } else if has("position_mm") {
-        Some(Kind::Motions)
-    } else {
-        None
-    })
+    let kinds = [
+        (has("diagonal"), DIAGONALS),
+        (has("angle_deg") && has("deviation_um"), CIRCLE),
+        (has("target_mm") || has("target_deg"), POSITIONING),
+        (has("position_mm"), MOTIONS),
+    ];
+    Ok(kinds.into_iter().find(|(is_it, _)| *is_it).map(|(_, kind)| kind))
 }
 
 /// How a figure is taken from a test; none where the data do not have it.
@@ -327,7 +294,7 @@ fn before_and_after<T>(
     [before, after]: [&T; 2],
     [common, own]: [[f64; 2]; 2],
     plot: impl Fn(&T, [f64; 2]) -> Svg,
-) -> Result<Vec<(&'static str, String)>, Failure> {
+) -> Result<Vec<(&'static str, String)>> {
     let mut plots = vec![("Before", plot(before, common)?), ("After, same scale", plot(after, common)?)];
     if is_flat(own, common) {
         plots.push(("After, own scale", plot(after, own)?));

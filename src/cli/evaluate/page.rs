@@ -1,14 +1,9 @@
 //! What the reports of all tests have in common: the head with machine, instrument, data files and their hashes, and the
 //! table of figures before and after with tolerance and verdict.
 
-use std::path::Path;
-
 use super::{changed, show};
-use crate::acceptance::verdicts::{Assessed, Judged, summary};
-use crate::acceptance::{RULE, file_name, sign};
-use crate::input::{self, InputKind};
-use crate::report::page::Cell;
-use crate::report::{Page, Table};
+use crate::acceptance::{Assessed, Judged, RULE, file_name, sign, summary};
+use crate::prelude::*;
 
 /// Where the data of a report came from.
 pub(crate) struct Origin {

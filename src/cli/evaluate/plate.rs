@@ -1,26 +1,18 @@
 //! `evaluate plate`: a hole plate or ball plate, measured or made in a plane.
 
 use std::io::Cursor;
-use std::path::PathBuf;
-
-use serde_json::{Map, Value, json};
 
 use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
-use crate::Failure;
-use crate::acceptance::Acceptance;
-use crate::acceptance::verdicts::Judged;
-use crate::arg_parsers::one_of;
-use crate::input::{self, InputKind};
+use crate::acceptance::{Acceptance, Judged};
 use crate::positioning_data::format_failure;
-use crate::report::Table;
+use crate::prelude::*;
 use crate::table::Table as Csv;
 use volcomp_evaluate::plate::Estimate;
 use volcomp_evaluate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
 use volcomp_formats::hole_plate;
 use volcomp_model::statistics::normal_two_sided;
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
 
 /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane
 ///
@@ -28,7 +20,7 @@ use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
 /// that a machine drilled, measured on a CMM: what a plate drilled by the machine shows is the machine's error itself.
 /// Squareness is EC0Y of the plane: above zero the angle from X to Y is above 90 deg.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with nominal_x_mm,nominal_y_mm and measured_x_mm,measured_y_mm or deviation_x_um,deviation_y_um; or the table
     /// of a CMM (Meas X, Meas Y, Nom X, Nom Y, ..); - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
@@ -65,7 +57,7 @@ struct Plate {
     points: Vec<PlatePoint>,
 }
 
-fn read(args: &Args) -> Result<Plate, Failure> {
+fn read(args: &Args) -> Result<Plate> {
     let path = args.output.data(&args.data);
     let text = input::read_text(path, InputKind::Table)?;
     let keep = |diameter: Option<f64>| match (args.nominal_diameter_mm, diameter) {
@@ -85,11 +77,7 @@ fn read(args: &Args) -> Result<Plate, Failure> {
     Ok(plate)
 }
 
-fn read_csv(
-    args: &Args,
-    text: String,
-    keep: impl Fn(Option<f64>) -> bool,
-) -> Result<Vec<PlatePoint>, Failure> {
+fn read_csv(args: &Args, text: String, keep: impl Fn(Option<f64>) -> bool) -> Result<Vec<PlatePoint>> {
     let mut table = Csv::new(Cursor::new(text), args.output.data(&args.data).display().to_string())?;
     let nominal = [table.require("nominal_x_mm")?, table.require("nominal_y_mm")?];
     let deviations = table.find("deviation_x_um").is_some() || table.find("deviation_y_um").is_some();
@@ -115,7 +103,7 @@ fn read_csv(
     Ok(points.into_iter().flatten().collect())
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     let judged = Judged { acceptance, figures: Vec::new() };
     if let Some(bad) = args.std_um.filter(|s| !(s.is_finite() && *s > 0.0)) {
@@ -128,9 +116,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let title = args.output.title(plate.title.as_deref().unwrap_or("Plate"));
     let shown = |title| Shown { title, points: &plate.points, fit: &fit };
     args.output.deliver(
+        &judged,
         || drawing::whole(&shown(title)),
         || report(args, title, &judged, &plate, &fit),
-        || as_json(&plate, &fit),
+        || (as_json(&plate, &fit), None),
         || {
             say!("{}: {title}, {} places", args.output.data(&args.data).display(), plate.points.len());
             estimates(&fit).print();
@@ -143,7 +132,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 const IMPLAUSIBLE: f64 = 0.01;
 
 /// Refuses what no machine does: exchanged columns, other units.
-fn refuse_implausible(args: &Args, fit: &PlateFit) -> Result<(), Failure> {
+fn refuse_implausible(args: &Args, fit: &PlateFit) -> Result<()> {
     let path = args.output.data(&args.data);
     let scales = fit.scales.into_iter().flatten().chain(fit.scale);
     if let Some(scale) = scales.map(|e| e.value).find(|v| v.abs() > IMPLAUSIBLE) {
@@ -255,13 +244,7 @@ fn as_json(plate: &Plate, fit: &PlateFit) -> Map<String, Value> {
     report.as_object().cloned().unwrap_or_default()
 }
 
-fn report(
-    args: &Args,
-    title: &str,
-    judged: &Judged,
-    plate: &Plate,
-    fit: &PlateFit,
-) -> Result<String, Failure> {
+fn report(args: &Args, title: &str, judged: &Judged, plate: &Plate, fit: &PlateFit) -> Result<String> {
     let model = match args.model {
         PlateModel::Rigid => "offset and rotation",
         PlateModel::Similarity => "offset, rotation and one scale",

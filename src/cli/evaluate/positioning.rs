@@ -1,27 +1,18 @@
 //! `evaluate iso230-2`: positioning of one axis.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, put_before, show,
-    side_by_side, values,
+    CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, show, side_by_side, values,
 };
-use crate::Failure;
-use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
-use crate::acceptance::{Acceptance, Stated};
-use crate::numerals::counted;
+use crate::acceptance::{Acceptance, Assessed, Judged, NOT_STATED, Stated};
 use crate::positioning_data::{Cycles, TestFormat, read_test};
-use crate::report::{Page, Table};
+use crate::prelude::*;
 use crate::start_up::{StartUp, in_report_units, words};
 use crate::units::check_size;
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
-use volcomp_units::axes::{AxisKind, Travel};
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
 ///
@@ -30,7 +21,7 @@ use volcomp_units::axes::{AxisKind, Travel};
 ///
 ///   volcomp evaluate iso230-2 --data after.csv --before before.csv --html x-axis.html --title "VMC 850, X axis"
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with cycle,direction,target_mm,deviation_um (rotary: target_deg,deviation_arcsec), or a .dat file; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,
@@ -81,7 +72,7 @@ fn read(
     format: TestFormat,
     cycles: Option<&Cycles>,
     uncertainty: &UncertaintyArgs,
-) -> Result<Evaluated, Failure> {
+) -> Result<Evaluated> {
     let (mut test, stated) = read_test(path, format)?;
     if let Some(cycles) = cycles {
         cycles.select(&path.display().to_string(), &mut test)?;
@@ -104,7 +95,7 @@ fn read(
 }
 
 /// Looks at the unit of the deviations.
-fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<(), Failure> {
+fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<()> {
     let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
     let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
     check_size(&path.display().to_string(), column, largest, kind == AxisKind::Rotary)
@@ -159,7 +150,7 @@ fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
     is_stated.then_some(e.measurement)
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-2", &keys())?;
     let read = |path: &Path| read(path, args.format, args.cycles.as_ref(), &args.uncertainty);
     let after = read(args.output.data(&args.data))?;
@@ -175,17 +166,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let title = args.output.title("Positioning of an axis");
     let (key, ..) = after.units();
     args.output.deliver(
+        &judged,
         || drawing::whole(title, &after.shown(), before.as_ref().map(Evaluated::shown).as_ref()),
         || report(args, title, &judged, &after, before.as_ref().zip(old.as_deref())),
         || {
             let mut out = as_json(&after.result, key);
             put_uncertainties(&mut out, &after.uncertainties, key);
             put_start_up(&mut out, &after, key);
-            judged.put(&mut out);
-            if let Some(before) = &before {
-                put_before(&mut out, as_json(&before.result, key));
-            }
-            out
+            (out, before.as_ref().map(|before| as_json(&before.result, key)))
         },
         || {
             let (file, p) = (args.output.data(&args.data).display(), &after.result);
@@ -357,7 +345,7 @@ fn report(
     judged: &Judged,
     after: &Evaluated,
     before: Option<(&Evaluated, &[Assessed])>,
-) -> Result<String, Failure> {
+) -> Result<String> {
     let (_, unit, target_unit) = after.units();
     let size = |p: &Positioning| {
         let ends = p.targets.first().zip(p.targets.last());
@@ -406,9 +394,9 @@ fn common_scale(tests: [&Evaluated; 2]) -> [f64; 2] {
 fn start_up_section(page: &mut Page, test: &Evaluated, unit: &str) {
     let Some(start_up) = &test.start_up else { return };
     page.heading("Start-up outliers");
-    let list: Vec<String> =
-        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, words(m, test.kind))).collect();
-    page.note(list.join(" "));
+    let list =
+        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, words(m, test.kind))).joined(" ");
+    page.note(list);
     if let Some(without) = &start_up.without {
         with_and_without(test, without, unit).put(page);
     }
@@ -452,7 +440,7 @@ fn targets(page: &mut Page, heading: &str, p: &Positioning, [unit, target_unit]:
 }
 
 /// Two tests for `volcomp verify`.
-pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared> {
     let read = |path: &Path| read(path, TestFormat::Auto, None, &UncertaintyArgs::default());
     let [mut before, mut after] = [read(files[0])?, read(files[1])?];
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
@@ -479,7 +467,7 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         caption: "Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both directions.",
         readings: [placed(&before), placed(&after)],
         is_repeated: true,
-        notes: Vec::new(),
+        ..Compared::default()
     })
 }
 

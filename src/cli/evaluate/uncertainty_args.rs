@@ -1,8 +1,7 @@
 //! What the user states about the uncertainty of a positioning measurement.
 
-use crate::Failure;
+use crate::prelude::*;
 use volcomp_evaluate::Conditions;
-use volcomp_units::axes::AxisKind;
 
 /// What is known about the measurement; gives expanded uncertainties (k = 2).
 #[derive(Debug, Default, clap::Args)]
@@ -42,7 +41,7 @@ pub(super) struct UncertaintyArgs {
 
 impl UncertaintyArgs {
     /// The conditions for an axis of this kind.
-    pub(super) fn conditions(&self, kind: AxisKind) -> Result<Conditions, Failure> {
+    pub(super) fn conditions(&self, kind: AxisKind) -> Result<Conditions> {
         let of_length = self
             .u_device_um_per_m
             .or(self.misalignment_mm)

@@ -3,12 +3,9 @@
 mod model;
 mod recording;
 
-use std::path::{Path, PathBuf};
-
 use clap::{Parser, ValueEnum};
 
-use super::Failure;
-use super::input::{self, InputKind};
+use crate::prelude::*;
 use volcomp_protocol::record::{EXTENSION, block};
 
 /// Write a model as a table that a control loads, or a recording of volcompd as CSV or Parquet.
@@ -64,7 +61,7 @@ enum FormatArg {
     Parquet,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let recordings = args.files.iter().map(|path| is_recording(path)).collect::<Result<Vec<_>, _>>()?;
     if recordings.iter().all(|is| *is) {
         refuse_options(args.model.first_given(), "models", "recordings")?;
@@ -87,12 +84,12 @@ fn mixed(why: &str) -> Failure {
     usage!("{why}\n  hint: volcomp export --help")
 }
 
-fn refuse_options(given: Option<&str>, of: &str, files: &str) -> Result<(), Failure> {
+fn refuse_options(given: Option<&str>, of: &str, files: &str) -> Result<()> {
     given.map_or(Ok(()), |option| Err(mixed(&format!("{option} is for {of}, the files are {files}"))))
 }
 
 /// By its first bytes; one that is called so but is damaged is one all the same, and the reader says what is wrong.
-fn is_recording(path: &Path) -> Result<bool, Failure> {
+fn is_recording(path: &Path) -> Result<bool> {
     // a pipe cannot be looked at first; recordings are files
     if !input::is_regular(path) {
         return Ok(path.extension().is_some_and(|e| e == EXTENSION));
@@ -107,7 +104,7 @@ mod tests {
 
     use super::*;
 
-    fn export(args: &[&str]) -> Result<(), Failure> {
+    fn export(args: &[&str]) -> Result<()> {
         let args = Args::try_parse_from([&["export"], args].concat()).expect("parses");
         run(&args)
     }

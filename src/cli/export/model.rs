@@ -1,20 +1,12 @@
 //! A model to the tables that controls load.
 
-use std::path::Path;
-
 use clap::Args;
 
 use super::FormatArg;
-use crate::arg_parsers::{axis_letter, number, one_of};
-use crate::files::{read_model, write_text};
 use crate::import::ControlArgs;
-use crate::quantities::range_words;
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::prelude::*;
 use volcomp_formats::sample::{AxisTable, ExportError, Sampling, Way};
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, motion_table, rtl};
-use volcomp_model::{ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Straight lines between points stay this close to the model where nothing else is asked for, um.
 const TOLERANCE_UM: f64 = 0.05;
@@ -55,7 +47,7 @@ struct Written {
     symbols: Vec<ErrorSymbol>,
 }
 
-pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<(), Failure> {
+pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<()> {
     let tolerance_um = options.tolerance_um.unwrap_or(TOLERANCE_UM);
     if !(tolerance_um > 0.0 && tolerance_um.is_finite()) {
         return Err(usage!("--tolerance-um {tolerance_um}: must be above 0"));
@@ -167,10 +159,10 @@ fn describe(table: &AxisTable) {
 
 /// Says what of the model is not in the file.
 fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &[ErrorSymbol]) {
-    let missing: Vec<String> =
-        spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).collect();
+    let missing =
+        spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).joined(" ");
     if !missing.is_empty() {
-        note!("not in this file: {}", missing.join(" "));
+        note!("not in this file: {missing}");
     }
     if spec.errors.iter().any(|(s, f)| written.contains(s) && f.std.is_some()) && format != FormatArg::Csv {
         note!("not in this file: the stated uncertainties");

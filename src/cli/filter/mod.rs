@@ -3,37 +3,32 @@
 mod picture;
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
 
-use super::files::write_text;
+use super::operator_commands::Common;
+use super::recordings;
 use super::status::{Which, failure, json, socket};
-use super::{EX_IOERR, EX_SOFTWARE, Failure, recordings};
+use crate::prelude::*;
 use volcomp_daemon::client;
 use volcomp_daemon::socket::{Ask, Verb};
 use volcomp_daemon::{FilterStatus, MapStatus, SensorStatus, ThermalDisplacementStatus};
 use volcomp_units::NS_PER_S;
 
-/// Live estimation: what was learned from sensors, with its uncertainty.
-#[derive(Debug, clap::Parser)]
-#[command(after_help = "Examples:\n  volcomp filter show --config machine.toml\n  \
-                        volcomp filter show --json > filter.json\n  volcomp filter show --svg filter.svg\n  \
-                        volcomp filter show --recording run.vcrec --svg run.svg\n  \
-                        volcomp filter forget ram --reason \"tracker was set up anew\"")]
-pub(super) struct Args {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(Debug, clap::Subcommand)]
-enum What {
-    /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
-    Show(ShowArgs),
-    /// Begin a map anew from the offline map; its sensors are initialised again.
-    Forget(ForgetArgs),
+subcommands! {
+    /// Live estimation: what was learned from sensors, with its uncertainty.
+    #[command(after_help = "Examples:\n  volcomp filter show --config machine.toml\n  \
+                            volcomp filter show --json > filter.json\n  volcomp filter show --svg filter.svg\n  \
+                            volcomp filter show --recording run.vcrec --svg run.svg\n  \
+                            volcomp filter forget ram --reason \"tracker was set up anew\"")]
+    pub(super) enum What {
+        /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
+        Show(ShowArgs) => show,
+        /// Begin a map anew from the offline map; its sensors are initialised again.
+        Forget(ForgetArgs) => forget,
+    }
 }
 
 #[derive(Debug, clap::Args)]
-struct ShowArgs {
+pub(super) struct ShowArgs {
     #[command(flatten)]
     which: Which,
     /// What a recording says, at its end, instead of a running daemon; the picture shows how it went, too.
@@ -48,42 +43,27 @@ struct ShowArgs {
 }
 
 #[derive(Debug, clap::Args)]
-struct ForgetArgs {
-    #[command(flatten)]
-    which: Which,
+pub(super) struct ForgetArgs {
     /// The map.
     #[arg(value_name = "MAP")]
     map: String,
-    /// Why, for the audit log; at most 1 KiB.
-    #[arg(long, value_name = "TEXT", value_parser = super::arg_parsers::reason)]
-    reason: Option<String>,
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.what {
-        What::Show(args) => show(args),
-        What::Forget(args) => {
-            let ask = Ask {
-                command: Verb::Forget,
-                map: Some(args.map.clone()),
-                reason: args.reason.clone(),
-                ..Ask::default()
-            };
-            let answer = client::ask(&socket(&args.which)?, &ask).map_err(|e| failure(&e))?;
-            if args.json {
-                say!("{}", json(&answer)?);
-            } else {
-                say!("map {} restarts from the offline map", args.map);
-            }
-            Ok(())
-        }
+fn forget(ForgetArgs { map, common }: &ForgetArgs) -> Result<()> {
+    let reason = common.reason.clone();
+    let ask = Ask { command: Verb::Forget, map: Some(map.clone()), reason, ..Ask::default() };
+    let answer = client::ask(&socket(&common.which)?, &ask).map_err(|e| failure(&e))?;
+    if common.json {
+        say!("{}", json(&answer)?);
+    } else {
+        say!("map {map} restarts from the offline map");
     }
+    Ok(())
 }
 
-fn show(args: &ShowArgs) -> Result<(), Failure> {
+fn show(args: &ShowArgs) -> Result<()> {
     let course = match &args.recording {
         Some(path) => recorded(path)?,
         None => vec![(0.0, client::filter(&socket(&args.which)?).map_err(|e| failure(&e))?)],
@@ -111,7 +91,7 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
 }
 
 /// Time (s, from the first) and health as a recording has it, the newest last.
-fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>, Failure> {
+fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>> {
     let parsed = recordings::read(&[path.to_owned()])?;
     let wrong = |what: String| data!(path, "{what}");
     let mut course: Vec<(f64, FilterStatus)> = Vec::new();

@@ -2,10 +2,9 @@
 
 use core::ops::Range;
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use crate::numerals::hull;
-use crate::report::plot::{Area, BLUE, Chart, Drawn, INK, Key, Svg, VERMILLION, legend, svg_of};
 use volcomp_daemon::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
 
 const PANEL: (u32, u32) = (900, 280);
@@ -102,7 +101,7 @@ fn axes<'a, 'b>(
     x_label: &str,
     x: Range<f64>,
     y: Range<f64>,
-) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+) -> Drawn<Chart<'a, 'b>> {
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 15, &INK))
         .margin(8)
@@ -114,7 +113,7 @@ fn axes<'a, 'b>(
 }
 
 /// The area above a legend, which is drawn; none where there are no series.
-fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Result<Area<'a>, Box<dyn std::error::Error>> {
+fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Drawn<Area<'a>> {
     let height = i32::try_from(area.dim_in_pixel().1)?;
     let (chart, below) = area.split_vertically(height - LEGEND);
     if keys.is_empty() {

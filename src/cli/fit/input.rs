@@ -1,20 +1,15 @@
 //! What `volcomp fit` reads: motion tables and positioning tests, turned into readings per error symbol.
 
-use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read};
-use std::path::Path;
 
-use crate::identify::columns::{Columns, hint};
-use crate::input::{self, InputKind};
+use crate::identify::Columns;
+use crate::identify::columns::hint;
 use crate::positioning_data::{Cycles, instrument_test, is_instrument, parse_csv, parse_dat};
+use crate::prelude::*;
 use crate::table::{STDIN, Table};
-use crate::units::{self, Units};
-use crate::{EX_DATAERR, Failure, Result};
+use crate::units;
 use volcomp_formats::positioning_test::PositioningTest;
-use volcomp_identify::Reading;
 use volcomp_identify::start_up::{StartUpOutlier, start_up_outliers};
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
 /// How a data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -134,7 +129,9 @@ pub(crate) fn read(
         // files of instruments are small; tables may be long and are read row by row
         source.read_to_end(&mut head).map_err(|e| io(&e))?;
         let found = if format == Format::Auto { instrument_test(&file, &head, None, None)? } else { None };
-        let test = found.map(|f| f.test).map_or_else(|| parse_dat(&file, &utf8(&file, head)?), Ok)?;
+        let test = found
+            .map(|f| f.test)
+            .map_or_else(|| parse_dat(&file, &input::text_of(Path::new(&file), head)?), Ok)?;
         positioning(&file, axis, test)?
     } else {
         let source: Box<dyn BufRead> = Box::new(Cursor::new(head).chain(source));
@@ -166,13 +163,6 @@ pub(crate) fn read(
     Ok(())
 }
 
-fn utf8(file: &str, bytes: Vec<u8>) -> Result<String> {
-    String::from_utf8(bytes).map_err(|e| {
-        let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
-        failure!(EX_DATAERR, "{file}:{line}: not UTF-8 text; save the file as UTF-8")
-    })
-}
-
 /// A positioning test is the positioning error of the axis itself.
 fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySymbol> {
     if test.kind != axis.kind() {
@@ -190,15 +180,14 @@ fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySy
 }
 
 /// A motion table.
-fn motion(table: Table<Box<dyn BufRead>>, axis: AxisName) -> Result<BySymbol> {
+fn motion(table: Table, axis: AxisName) -> Result<BySymbol> {
     let mut table = Columns::new(table);
     let position_name = &format!("position_{}", axis.kind().position_unit());
     let run = table.run(position_name)?;
     let mut symbols = Vec::new();
-    for (i, column) in table.table.columns().to_vec().iter().enumerate() {
-        if !table.known().contains(column) {
-            let symbol =
-                symbol_column(column, axis, position_name).map_err(|what| table.table.fail(i, what))?;
+    for (i, column) in table.columns().to_vec().iter().enumerate() {
+        if !table.known.contains(column) {
+            let symbol = symbol_column(column, axis, position_name).map_err(|what| table.fail(i, what))?;
             symbols.extend(table.find(column).map(|column| (column, symbol)));
         }
     }
@@ -212,7 +201,7 @@ fn motion(table: Table<Box<dyn BufRead>>, axis: AxisName) -> Result<BySymbol> {
     let mut found: Vec<Measured> = symbols.iter().map(|_| Measured::default()).collect();
     table.some_rows(|row| {
         let reading = row.reading(&run)?;
-        let line = u32::try_from(row.table.line()).unwrap_or(0);
+        let line = u32::try_from(row.line()).unwrap_or(0);
         for ((column, _), measured) in symbols.iter().zip(&mut found) {
             measured.push(Reading { value: row.value(*column)?, ..reading }, line);
         }
@@ -222,7 +211,7 @@ fn motion(table: Table<Box<dyn BufRead>>, axis: AxisName) -> Result<BySymbol> {
         if is_swapped(&measured.readings) {
             note!(
                 "warning: {}: {symbol} rises in equal steps and {position_name} does not: are the two columns exchanged?",
-                table.table.file()
+                table.file()
             );
         }
     }

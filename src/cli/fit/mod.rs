@@ -8,25 +8,17 @@ pub(super) mod report;
 mod start_up;
 mod thermal;
 
-use std::path::{Path, PathBuf};
-
 use clap::{Parser, Subcommand};
 
 use self::basis::Auto;
 use self::input::{BySymbol, Direction, Format, Measured, read};
 use self::picture::PictureArgs;
 use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, print_notes, table};
-use super::Result;
-use super::files::write_text;
 use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use super::positioning_data::Cycles;
-use crate::arg_parsers::{axis_letter, number, one_of};
-use volcomp_config::{ModelFile, Provenance};
+use crate::prelude::*;
 use volcomp_identify::curve::{self, Basis, Drift, Period, Request, Reversal, Smoothing};
 use volcomp_model::curve::Interpolation;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, Sense};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{deg_from_rad, rad_from_arcsec, rad_from_deg};
 
 /// Fit error curves to measured error motions and write them into a model file.
 #[derive(Debug, Parser)]

@@ -1,18 +1,10 @@
 //! Pictures of fits: readings, curve and confidence band, and the residuals below, one pair of panels per error.
 //! Directions are distinguished by blue and vermillion, which colour-blind readers and grey prints keep apart.
 
-use std::path::{Path, PathBuf};
-
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use super::report::{Fitted, note_text, outlier_lines};
-use crate::files::write_text;
-use crate::report::Page;
-use crate::report::page::Cell;
-use crate::report::plot::{Area, Axes, BLUE, Drawn, INK, Svg, VERMILLION, svg_of, with_room};
-use crate::units::{Units, or_dash};
-use crate::{EX_SOFTWARE, Result};
-use volcomp_units::axes::Travel;
+use crate::prelude::*;
 
 const SIZE: (u32, u32) = (1100, 520);
 /// Height of the panel of residuals.

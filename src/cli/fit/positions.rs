@@ -1,16 +1,11 @@
 //! Checks of the positions and of repeated files before anything is fitted.
 
-use std::collections::BTreeSet;
-
 use super::Result;
 use super::input::{BySymbol, Measured};
 use super::report::Fitted;
-use crate::Failure;
-use crate::numerals::figure;
-use crate::units::{Units, check_size, column};
-use volcomp_model::{ErrorSymbol, ModelError};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use crate::prelude::*;
+use crate::units::{check_size, column};
+use volcomp_model::ModelError;
 
 /// Widest gap between neighbouring positions, in ranges of all others.
 const GAP: f64 = 20.0;

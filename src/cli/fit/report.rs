@@ -1,16 +1,10 @@
 //! What `volcomp fit` says about its fits: JSON, a table for people, and comments in the model file.
 
-use serde_json::{Value, json};
-
 use super::input::Measured;
 use super::start_up;
 use crate::model_writer::Sources;
-use crate::numerals::small;
-use crate::units::{Units, key, or_dash};
+use crate::prelude::*;
 use volcomp_identify::curve::{Basis, Course, CurveFit, CycleDrift, Figures, Hidden, Note, Outlier};
-use volcomp_model::ErrorSymbol;
-use volcomp_model::curve::Curve;
-use volcomp_units::axes::Travel;
 
 /// Positions of the band in the report.
 const BAND_POINTS: u32 = 100;
@@ -178,15 +172,11 @@ pub(crate) fn outlier_lines(f: &Fitted) -> Vec<String> {
 
 /// What the targets of an axis cannot show, in words.
 pub(crate) fn hidden_text(hidden: &Hidden) -> Option<String> {
-    let list = |pitches: &[f64]| pitches.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
-    let mut parts = Vec::new();
-    if !hidden.constant.is_empty() {
-        parts.push(format!("of {} mm pitch looks like an offset", list(&hidden.constant)));
-    }
-    if !hidden.slower.is_empty() {
-        parts.push(format!("of {} mm pitch looks like a slower wave", list(&hidden.slower)));
-    }
-    let (spacing, parts) = ((hidden.spacing * 1e6).round() / 1e6, parts.join(", one "));
+    let looks = [(&hidden.constant, "an offset"), (&hidden.slower, "a slower wave")].into_iter();
+    let parts = looks.filter(|(pitches, _)| !pitches.is_empty()).map(|(pitches, what)| {
+        format!("of {} mm pitch looks like {what}", pitches.iter().map(f64::to_string).joined(", "))
+    });
+    let (spacing, parts) = ((hidden.spacing * 1e6).round() / 1e6, parts.joined(", one "));
     (!parts.is_empty()).then(|| format!(
         "targets every {spacing} mm cannot show every screw: an error {parts}; measure one stretch closer than half the pitch, at uneven distances (--screw-pitch-mm names the pitch, none silences this)"
     ))

@@ -1,13 +1,9 @@
 //! Start-up outliers that a fit keeps, in the words of `volcomp evaluate iso230-2`.
 
-use serde_json::{Value, json};
-
 use super::report::Fitted;
-use crate::numerals::counted;
+use crate::prelude::*;
 use crate::start_up::{Marked, words_in};
-use crate::units::Units;
 use volcomp_identify::start_up::StartUpOutlier;
-use volcomp_units::axes::Travel;
 
 /// The start-up outliers that the fit keeps, with their file, in the units of the report.
 fn kept(f: &Fitted) -> Vec<(&str, Marked)> {

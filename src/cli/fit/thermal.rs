@@ -1,25 +1,15 @@
 //! `volcomp fit thermal`: a recording of temperatures, speeds and a displacement to a growth of the model file.
 
-use std::path::PathBuf;
-
-use clap::Parser;
 use plotters::prelude::*;
-use serde_json::{Value, json};
 
 use super::picture::PictureArgs;
-use crate::Result;
-use crate::arg_parsers::{above_zero, not_negative};
-use crate::files::write_text;
-use crate::identify::columns::{self, Column, Columns};
+use crate::identify::{Column, Columns, columns};
 use crate::model_writer::{ModelWriter, Sources};
-use crate::report::Page;
-use crate::report::page::Cell;
+use crate::prelude::*;
 use crate::report::plot::{self, Axes, Key};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
-use volcomp_model::ErrorSymbol;
 use volcomp_model::curve::Live;
-use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Fit thermal displacement to a recording.
 ///
@@ -27,7 +17,7 @@ use volcomp_units::{mm_from_um, um_from_mm};
 /// the spindle nose, a laser on an axis at rest. Every temperature and every speed enters with several time constants;
 /// the last part of the recording is kept back and forecast, so the figures say what to expect tomorrow, not how well
 /// yesterday can be explained.
-#[derive(Debug, Parser)]
+#[derive(Debug, clap::Parser)]
 #[command(after_help = "Examples:\n  \
     volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
     volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \
@@ -167,7 +157,7 @@ fn sensors(
     if named.is_empty() {
         without.iter().try_for_each(|name| table.require(name).map(|_| ()))?;
         let ends = |name: &&String| name.to_ascii_lowercase().ends_with(ending) && !without.contains(name);
-        names.extend(table.table.columns().iter().filter(ends).cloned());
+        names.extend(table.columns().iter().filter(ends).cloned());
     }
     let one = |name: String| {
         Ok((table.require(&name)?, Input { sensor: stem(&name).to_owned(), quantity, values: Vec::new() }))

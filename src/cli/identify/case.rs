@@ -1,15 +1,11 @@
 //! A case of the reference vectors: one JSON object with inputs in mm and rad; `expect` and `truth` are ignored. It
 //! stands in a file of its own or, by its id, in a file of cases.
 
-use std::path::{Path, PathBuf};
-
 use serde::de::DeserializeOwned;
-use serde_json::Value;
 
-use super::method::{Found, Front, printed};
-use crate::input::{self, InputKind};
+use crate::identify::{Found, Front, printed};
 use crate::model_writer::ModelWriter;
-use crate::{EX_DATAERR, Failure, Result};
+use crate::prelude::*;
 
 /// Where a case comes from and how the result is printed, the same for every method.
 #[derive(Debug, clap::Args)]
@@ -54,16 +50,11 @@ impl CaseArgs {
 /// A file with a case in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CaseFile<'a> {
-    path: &'a Path,
+    pub(super) path: &'a Path,
     id: Option<&'a str>,
 }
 
 impl<'a> CaseFile<'a> {
-    /// Its name.
-    pub(super) fn path(&self) -> &'a Path {
-        self.path
-    }
-
     /// A message about the case.
     pub(super) fn bad(&self, what: impl core::fmt::Display) -> Failure {
         match self.id {

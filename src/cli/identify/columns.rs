@@ -1,16 +1,10 @@
 //! Columns of instrument tables by name; their numbers become mm and rad by the unit at the end of the name.
 
 use std::collections::HashMap;
-use std::io::BufRead;
-use std::path::Path;
 
 use crate::positioning_data::no_rows;
-use crate::table::{self, Table, nearest, other_unit};
-use crate::{Failure, Result};
-use volcomp_identify::Reading;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::Travel;
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use crate::prelude::*;
+use crate::table::{Table, nearest, other_unit};
 
 /// A column and what brings its numbers into mm or rad.
 #[derive(Debug, Clone, Copy)]
@@ -29,8 +23,23 @@ pub(crate) struct RunColumns {
 
 /// A table that knows which of its columns were asked for.
 pub(crate) struct Columns {
-    pub(crate) table: Table<Box<dyn BufRead>>,
-    known: Vec<String>,
+    pub(crate) table: Table,
+    /// The columns that were asked for.
+    pub(crate) known: Vec<String>,
+}
+
+impl core::ops::Deref for Columns {
+    type Target = Table;
+
+    fn deref(&self) -> &Table {
+        &self.table
+    }
+}
+
+impl From<Column> for usize {
+    fn from(column: Column) -> Self {
+        column.index
+    }
 }
 
 /// The name that is most like this one, or else `columns`.
@@ -58,7 +67,7 @@ impl Column {
 }
 
 impl Columns {
-    pub(crate) const fn new(table: Table<Box<dyn BufRead>>) -> Self {
+    pub(crate) const fn new(table: Table) -> Self {
         Self { table, known: Vec::new() }
     }
 
@@ -85,11 +94,6 @@ impl Columns {
         Ok(RunColumns { position, cycle: self.find("cycle"), direction: self.find("direction") })
     }
 
-    /// The columns that were asked for.
-    pub(crate) fn known(&self) -> &[String] {
-        &self.known
-    }
-
     /// Refuses columns that were not asked for; `hint` says which were, from the name of the first.
     pub(crate) fn only(&self, hint: impl FnOnce(&str) -> String) -> Result<()> {
         match self.table.columns().iter().position(|c| !self.known.contains(c)) {
@@ -101,14 +105,9 @@ impl Columns {
         }
     }
 
-    /// A number of the current row as written.
-    pub(crate) fn number(&self, column: Column) -> Result<f64> {
-        self.table.number(column.index)
-    }
-
     /// A number of the current row, mm or rad.
     pub(crate) fn value(&self, column: Column) -> Result<f64> {
-        self.table.number(column.index).map(column.to_inner)
+        self.number(column).map(column.to_inner)
     }
 
     /// A number of the current row, or that of a table without the column.
@@ -119,11 +118,6 @@ impl Columns {
     /// Three numbers of the current row.
     pub(crate) fn point(&self, [x, y, z]: [Column; 3]) -> Result<Vec3> {
         Ok(Vec3::new(self.value(x)?, self.value(y)?, self.value(z)?))
-    }
-
-    /// A word of the current row.
-    pub(crate) fn word(&self, column: Column) -> String {
-        self.table.word(column.index)
     }
 
     /// A whole number from 0 up; 0 without the column.
@@ -146,19 +140,9 @@ impl Columns {
         })
     }
 
-    /// 1-based line of the current row.
-    pub(crate) const fn line(&self) -> u64 {
-        self.table.line()
-    }
-
-    /// A message about a field of the current row.
-    pub(crate) fn fail(&self, column: Column, what: impl core::fmt::Display) -> Failure {
-        self.table.fail(column.index, what)
-    }
-
     /// Bad data in the file.
     pub(crate) fn file_error(&self, what: impl core::fmt::Display) -> Failure {
-        Failure::data(Path::new(self.table.file()), what)
+        Failure::data(self.file(), what)
     }
 
     /// What `read` makes of every row.

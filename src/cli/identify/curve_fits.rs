@@ -1,15 +1,10 @@
 //! Curves through readings into a model: fits, notes, comments and the table of the fits, whatever measured.
 
-use std::path::PathBuf;
-
-use crate::Result;
 use crate::fit::basis::Auto;
 use crate::fit::report::{Fitted, print_notes, table};
 use crate::model_writer::{ModelWriter, Sources, data_error, put};
-use volcomp_config::{ModelFile, Provenance};
-use volcomp_identify::Reading;
+use crate::prelude::*;
 use volcomp_identify::curve::{self, Basis, CurveFit, Request};
-use volcomp_model::{ErrorFunction, ErrorSymbol};
 
 /// Curves of a model, and what they were fitted to.
 pub(super) struct CurveFits<'a> {

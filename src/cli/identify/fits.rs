@@ -1,20 +1,13 @@
 //! `volcomp identify fits`: a curve through x and y, in the units of the file, with every figure.
 
-use std::path::{Path, PathBuf};
-
 use clap::ValueEnum;
 use serde::Deserialize;
-use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile};
-use super::method::{Found, Front, Method, printed};
 use crate::fit::AutoOr;
-use crate::table;
-use crate::{Failure, Result};
-use volcomp_identify::Reading;
+use crate::identify::{CaseArgs, CaseFile, Found, Front, Method, printed};
+use crate::prelude::*;
 use volcomp_identify::curve::monomial::polynomial;
 use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
-use volcomp_units::axes::Travel;
 
 /// Error curves through plain numbers.
 ///
@@ -29,7 +22,7 @@ use volcomp_units::axes::Travel;
 ///
 ///   volcomp identify fits --data load.csv --x load --y deflection --basis polynomial --order 2
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// A table with named columns.
@@ -111,7 +104,7 @@ impl Method for Args {
     }
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
-        found(&file.read()?, file.path())
+        found(&file.read()?, file.path)
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
@@ -294,16 +287,7 @@ fn orders(readings: &[Reading], request: &Request) -> Result<(Value, usize), Str
 }
 
 fn figures(f: &Figures) -> Value {
-    json!({
-        "sse": f.sse,
-        "rmse_n": f.rmse_n,
-        "rmse_dof": f.rmse_dof,
-        "r2": f.r2,
-        "e_max": f.e_max,
-        "aicc": f.aicc,
-        "n": f.n,
-        "m": f.m,
-    })
+    fields!(f; sse, rmse_n, rmse_dof, r2, e_max, aicc, n, m)
 }
 
 /// The result for people.

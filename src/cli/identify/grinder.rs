@@ -1,27 +1,14 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
-use super::columns::{self, Column, hint};
-use super::method::{Found, Front, Method};
-use crate::arg_parsers::{axis_letter, one_of};
-use crate::files::write_text;
-use crate::input::{self, InputKind};
+use super::columns::{self, hint};
+use crate::identify::{Column, Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, put};
-use crate::numerals::{hull, small};
-use crate::units::{Units, key, or_dash};
-use crate::{EX_CONFIG, Failure, Result};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_identify::grinder::{
     Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
 };
-use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_model::{Component, Model, ModelSpec, Pose};
-use volcomp_units::axes::{AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, um_from_mm};
+use volcomp_model::Pose;
+use volcomp_units::axes::MAX_AXES;
 
 /// The error motions of a chain, measured axis by axis: each axis is corrected before the next one is measured.
 ///
@@ -43,7 +30,7 @@ use volcomp_units::{mm_from_um, um_from_mm};
 ///
 /// volcomp identify grinder --drawing drawing.toml --step a=a.csv --next b=poses-b.csv --out model.toml
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// The machine as a model file, which stays as it is; its errors of axes that are not measured are taken as known.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["into", "chain"])]
     drawing: Option<PathBuf>,
@@ -140,11 +127,10 @@ impl Method for Args {
 
 /// The drawing, the model of --into, or a bare chain.
 fn drawing(args: &Args) -> Result<ModelFile> {
-    let Some(path) = &args.drawing else {
-        return args.out.base(|| "[w A' b X Y B t]".to_owned());
-    };
-    config::model::parse_file(&path.display().to_string(), &input::read_text(path, InputKind::Model)?)
-        .map_err(|e| Failure::new(EX_CONFIG, e))
+    match &args.drawing {
+        Some(path) => read_model_file(path),
+        None => args.out.base(|| "[w A' b X Y B t]".to_owned()),
+    }
 }
 
 /// Names of the columns of an axis: its coordinate, and the correction added to it.
@@ -166,7 +152,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
     let axes: Vec<[Option<Column>; 2]> = axes.collect();
     let tool = TOOL.map(|n| table.find(n));
     let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find(n));
-    table.only(|column| hint(column, table.known(), table.known().join(", ")))?;
+    table.only(|column| hint(column, &table.known, table.known.join(", ")))?;
     if !matches!(tool.iter().flatten().count(), 0 | 3) {
         return Err(data!(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }
@@ -209,8 +195,8 @@ fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Resul
         let mut fields: Vec<f64> = kinds().zip(p.position).map(|(kind, v)| kind.position_out(v)).collect();
         fields.extend(p.tip.iter());
         fields.extend(kinds().zip(correction).map(|(kind, v)| kind.offset_out(v)));
-        let words: Vec<String> = fields.into_iter().map(short).collect();
-        text.push_str(&(words.join(",") + "\n"));
+        let words = fields.into_iter().map(short).joined(",");
+        text.push_str(&(words + "\n"));
     }
     write_text(path, &text)?;
     note!("poses written: {} ({} for axis {axis})", path.display(), planned.len());

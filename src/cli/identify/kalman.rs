@@ -1,26 +1,15 @@
 //! `volcomp identify kalman`: the filter on node values, on a case or on a recording.
 
-use std::path::Path;
-use std::path::PathBuf;
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile};
-use super::columns::{self, Column, Columns};
-use super::method::{Found, Front, Method, printed};
-use crate::arg_parsers::linear_axis;
+use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
-use crate::units::{Units, key};
-use crate::{Failure, Result};
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_estimate::filter::COMPONENTS_MAX;
 use volcomp_estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Update, Verdict,
 };
-use volcomp_model::curve::{CurveError, ErrorFunction, Grid};
-use volcomp_model::{ErrorSymbol, Sense};
-use volcomp_units::axes::{AxisName, Travel};
+use volcomp_model::curve::{CurveError, Grid};
 
 /// Kalman filter on the node values of a grid of hexahedral cells.
 ///
@@ -34,7 +23,7 @@ use volcomp_units::axes::{AxisName, Travel};
 ///   volcomp identify kalman --data ram.csv --axes y,z,x --first 0,400,800 --second 0,300 --third 0,250 --sigma 2.5
 ///   --correlation-mm 500 --noise 0.8 --adaptive --into model.toml --out model-new.toml
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Measurements as a table.
@@ -195,17 +184,17 @@ impl TableColumns {
         let [a, b, c] = axes.map(|axis| format!("{}_mm", axis.lower()));
         let positions = table.three([&a, &b, &c])?;
         let mut found: Option<(Column, ErrorSymbol)> = None;
-        for (i, column) in table.table.columns().to_vec().iter().enumerate() {
-            if table.known().contains(column) {
+        for (i, column) in table.columns().to_vec().iter().enumerate() {
+            if table.known.contains(column) {
                 continue;
             }
             let (name, unit) = column.rsplit_once('_').unwrap_or((column, ""));
             let symbol = ErrorSymbol::parse(name);
             match symbol.filter(|s| !s.is_constant() && Units::of(*s).value == unit) {
                 Some(symbol) if found.is_none() => found = table.find(column).map(|c| (c, symbol)),
-                Some(_) => return Err(table.table.fail(i, "a second error; filter one error at a time")),
+                Some(_) => return Err(table.fail(i, "a second error; filter one error at a time")),
                 None => {
-                    return Err(table.table.fail(i, "unknown column; columns are t_s, the axes in mm, and one error such as eaz_arcsec or ezz_um"));
+                    return Err(table.fail(i, "unknown column; columns are t_s, the axes in mm, and one error such as eaz_arcsec or ezz_um"));
                 }
             }
         }
@@ -289,20 +278,15 @@ impl<'a> Outcome<'a> {
 impl Found for Outcome<'_> {
     fn json(&self) -> Value {
         let Units { value: u, of_value: out, .. } = Units::of(self.symbol);
-        json!({
-            "error": key(self.symbol),
-            "nodes_mm": (0..self.grid.nodes()).map(|i| self.grid.node(i)).collect::<Vec<_>>(),
-            format!("change_{u}"): self.filter.map().map(out).collect::<Vec<f64>>(),
-            format!("std_{u}"): self.filter.variances().map(|v| out(v.sqrt())).collect::<Vec<f64>>(),
-            format!("noise_{u}"): out(self.noise.variance().sqrt()),
-            format!("rms_before_{u}"): out(self.run.before),
-            format!("rms_after_{u}"): out(self.run.after),
-            "mean_ratio": self.run.mean_ratio,
-            "readings": self.run.readings,
-            "rejected": self.run.rejected,
-            "outside": self.run.outside,
-            "alarm": self.run.alarm,
-        })
+        let mut json = fields!(self.run; mean_ratio, readings, rejected, outside, alarm);
+        json["error"] = json!(key(self.symbol));
+        json["nodes_mm"] = (0..self.grid.nodes()).map(|i| json!(self.grid.node(i))).collect();
+        json[format!("change_{u}")] = self.filter.map().map(out).collect();
+        json[format!("std_{u}")] = self.filter.variances().map(|v| out(v.sqrt())).collect();
+        json[format!("noise_{u}")] = json!(out(self.noise.variance().sqrt()));
+        json[format!("rms_before_{u}")] = json!(out(self.run.before));
+        json[format!("rms_after_{u}")] = json!(out(self.run.after));
+        json
     }
 
     fn print(&self) {

@@ -1,10 +1,8 @@
 //! What a method is to `volcomp identify`, and the runner that does the reading, printing and writing of all of them.
 
-use serde_json::Value;
-
-use super::case::CaseFile;
-use crate::Result;
+use crate::identify::CaseFile;
 use crate::model_writer::ModelWriter;
+use crate::prelude::*;
 
 /// The options that every method has.
 pub(super) struct Front<'a> {
@@ -67,7 +65,7 @@ pub(super) fn printed<'a>(json: Value, print: impl Fn() + 'a) -> Box<dyn Found +
 }
 
 /// Reads, solves, writes, and prints last: a failure leaves nothing on stdout.
-pub(super) fn run(method: &dyn Method) -> Result<()> {
+pub(super) fn run(method: &impl core::ops::Deref<Target: Method>) -> Result<()> {
     let Front { file, json, model, writes_more, case_writes } = method.front();
     let writes = writes_more || model.is_some_and(|m| m.target().is_some());
     let found = match file {

@@ -2,29 +2,16 @@
 //! all six at every position.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
 
-use serde_json::{Value, json};
-
-use super::columns;
-use super::curve_fits::CurveFits;
-use super::method::{Found, Front};
-use crate::Result;
-use crate::arg_parsers::one_of;
-use crate::files::write_text;
+use super::{CurveFits, Found, Front, columns};
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::comments;
 use crate::model_writer::{ModelWriter, axis_entry, data_error};
-use crate::numerals::hull;
-use crate::units::{Units, column};
-use volcomp_config::ModelFile;
+use crate::prelude::*;
+use crate::units::column;
 use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
-use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_model::{Component, Sense};
-use volcomp_units::arcsec_from_rad;
-use volcomp_units::axes::{AxisName, Travel};
 
 /// What becomes of the error motions.
 #[derive(Debug, clap::Args)]

@@ -1,20 +1,10 @@
 //! `volcomp identify probe`: effective radius of a touch probe's ball, from contacts with a gauge bar.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
-use super::case::{CaseArgs, CaseFile};
-use super::columns;
-use super::method::{Found, Front, Method};
+use super::{CaseArgs, CaseFile, Found, Front, Method, columns};
 use crate::arg_parsers::numbers;
 use crate::model_writer::{ModelWriter, Sources, put};
-use crate::units::or_dash;
-use crate::{Failure, Result};
+use crate::prelude::*;
 use volcomp_identify::probe::{Arm, Calibration, Circle, Contact, Note, Request, calibrate};
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
 
 /// Effective radius of a touch probe and the place of a gauge bar, from contacts around the bar.
 ///
@@ -31,7 +21,7 @@ use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
 ///
 /// Example: volcomp identify probe --data contacts.csv --arm-mm 173.7135 --arm-zero-deg=-39.025 --bar-radius-mm 15
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Contacts; - is stdin.
@@ -102,7 +92,7 @@ impl Method for Args {
         let arm = Arm { length: case.arm, zero: rad_from_deg(case.arm_zero_deg) };
         let contact = |(y, b): (&f64, &f64)| arm.contact(*y, rad_from_deg(*b));
         let contacts = case.y.iter().zip(&case.b_deg).map(contact).collect();
-        self.outcome(file.path(), contacts, case.bar_radius)
+        self.outcome(file.path, contacts, case.bar_radius)
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
@@ -208,8 +198,8 @@ impl Found for Outcome<'_> {
         if !found.outliers.is_empty() {
             let what = if args.robust { "rejected" } else { "kept; --robust rejects them" };
             let one = |&i: &usize| format!("{} ({:+.2} um)", i + 1, um_from_mm(found.residuals[i]));
-            let list: Vec<String> = found.outliers.iter().map(one).collect();
-            note!("note: contacts off the circle by more than noise: {} ({what})", list.join(", "));
+            let list = found.outliers.iter().map(one).joined(", ");
+            note!("note: contacts off the circle by more than noise: {list} ({what})");
         }
         for n in &found.notes {
             note!("note: {}", note(n, found));

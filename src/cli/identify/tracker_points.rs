@@ -1,18 +1,12 @@
 //! Points in CSV files: named points with coordinates, or with range, azimuth and elevation from a tracker, and the
 //! registration of the tracker's frame to the machine's.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
-use super::columns::{self, Column, Columns};
-use crate::arg_parsers::{above_zero, not_negative, point};
-use crate::{Failure, Result};
+use super::{Column, Columns, columns};
+use crate::prelude::*;
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
-use volcomp_model::geometry::{Mat3, Vec3};
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
+use volcomp_model::geometry::Mat3;
+use volcomp_model::statistics::chi_square_upper;
 
 /// What is known of the instrument.
 #[derive(Debug, clap::Args)]
@@ -38,7 +32,7 @@ pub(super) struct TrackerArgs {
     machine_sigma_um: f64,
     /// Where the tracker stands in M, its axes parallel to those of M; for angles without --registration.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, conflicts_with = "registration")]
-    tracker_mm: Option<Vec3>,
+    pub(super) tracker_mm: Option<Vec3>,
 }
 
 /// The three columns of a point.
@@ -64,7 +58,8 @@ pub(super) struct Frame {
     cartesian: f64,
     /// Noise of observations; `None` where not stated.
     tracker: Option<TrackerNoise>,
-    stated: bool,
+    /// True where the noise was stated.
+    pub(super) noise_is_stated: bool,
     station: Vec3,
     pub(super) registered: Option<Registered>,
 }
@@ -100,11 +95,6 @@ impl PointColumns {
 }
 
 impl TrackerArgs {
-    /// Place of the tracker in M, where it was stated.
-    pub(super) const fn station(&self) -> Option<Vec3> {
-        self.tracker_mm
-    }
-
     /// Noise of range and angles, where both were stated.
     pub(super) fn stated_noise(&self) -> Option<TrackerNoise> {
         Some(TrackerNoise {
@@ -138,7 +128,7 @@ impl TrackerArgs {
         let mut frame = Frame {
             cartesian: self.cartesian_sigma().unwrap_or(1.0).powi(2),
             tracker,
-            stated: self.noise_um.is_some() || tracker.is_some(),
+            noise_is_stated: self.noise_um.is_some() || tracker.is_some(),
             station: self.tracker_mm.unwrap_or_else(Vec3::zeros),
             registered: None,
         };
@@ -158,7 +148,7 @@ impl TrackerArgs {
         let own = Mat3::identity() * mm_from_um(self.machine_sigma_um).powi(2);
         table.rows(|row| {
             let seen = Place::read(row, columns)?;
-            covariance.push(frame.covariance(&seen, row.table.file())? + own);
+            covariance.push(frame.covariance(&seen, row.file())? + own);
             points.push(row.word(name));
             from.push(seen.point());
             to.push(row.point(machine)?);
@@ -171,20 +161,15 @@ impl TrackerArgs {
             }
         }
         let fit = register(&from, &to, &covariance).map_err(|e| Failure::data(path, e))?;
-        Ok(Registered { fit, points, stated: frame.stated })
+        Ok(Registered { fit, points, stated: frame.noise_is_stated })
     }
 }
 
 impl Frame {
-    /// True where the noise was stated.
-    pub(super) const fn noise_is_stated(&self) -> bool {
-        self.stated
-    }
-
     /// One point of the current row in M, with its covariance.
     pub(super) fn read(&self, row: &Columns, columns: PointColumns) -> Result<(Vec3, Mat3)> {
         let place = Place::read(row, columns)?;
-        let covariance = self.covariance(&place, row.table.file())?;
+        let covariance = self.covariance(&place, row.file())?;
         let turned = self.registered.as_ref().map_or(covariance, |r| r.fit.turn(&covariance));
         Ok((self.in_machine(&place), turned))
     }

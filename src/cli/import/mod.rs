@@ -7,22 +7,18 @@ mod series;
 mod tables;
 
 use std::io::BufRead;
-use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
-use super::Failure;
-use super::input::{self, InputKind};
 use super::model_writer::ModelWriter;
 use super::positioning_data::format_failure;
-use crate::arg_parsers::{axis_letter, one_of};
+use crate::prelude::*;
 use volcomp_formats::columns::{ColumnMap, Delimiter};
 use volcomp_formats::heidenhain::Sign;
 use volcomp_formats::linuxcnc::LinearUnit;
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::text::{self, Decoded, Encoding};
 use volcomp_formats::{detect, isg, linuxcnc};
-use volcomp_units::axes::AxisName;
 
 /// Read files of instruments and controls into volcomp's own tables and models.
 ///
@@ -173,7 +169,7 @@ fn comp_type(text: &str) -> Result<linuxcnc::CompType, String> {
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut format = args.format;
     if format == FormatArg::Auto && (args.map.is_some() || !args.columns.is_empty()) {
         format = FormatArg::Columns;
@@ -222,7 +218,7 @@ const FORMATS: [(detect::Format, FormatArg); 10] = [
 ];
 
 /// The format of a file by its beginning.
-fn detected(path: &Path) -> Result<FormatArg, Failure> {
+fn detected(path: &Path) -> Result<FormatArg> {
     if path.as_os_str() == "-" {
         return Err(Failure::usage("stdin cannot be looked at first; give its --format"));
     }
@@ -238,11 +234,11 @@ fn detected(path: &Path) -> Result<FormatArg, Failure> {
 
 impl Args {
     /// The file to write.
-    fn out(&self) -> Result<&Path, Failure> {
+    fn out(&self) -> Result<&Path> {
         self.model.out.as_deref().ok_or_else(|| usage!("--out is not given; - is stdout"))
     }
 
-    fn column_map(&self) -> Result<ColumnMap, Failure> {
+    fn column_map(&self) -> Result<ColumnMap> {
         let (mut map, name) = match &self.map {
             Some(path) => {
                 let file = path.display().to_string();
@@ -273,7 +269,7 @@ impl Args {
     }
 
     /// The text of a file in the stated or guessed encoding.
-    fn decode<'a>(&self, file: &str, bytes: &'a [u8]) -> Result<Decoded<'a>, Failure> {
+    fn decode<'a>(&self, file: &str, bytes: &'a [u8]) -> Result<Decoded<'a>> {
         match self.encoding {
             Some(encoding) => text::decode_as(bytes, encoding).map_err(|e| format_failure(file, &e)),
             None => Ok(text::decode(bytes)),
@@ -281,8 +277,16 @@ impl Args {
     }
 }
 
+/// Notes a list, where it has an item.
+fn note_list(what: &str, list: impl Iterator<Item: core::fmt::Display>) {
+    let list = list.joined(", ");
+    if !list.is_empty() {
+        note!("  {what}{list}");
+    }
+}
+
 /// A file or stdin, buffered.
-fn open(path: &Path, kind: InputKind) -> Result<impl BufRead, Failure> {
+fn open(path: &Path, kind: InputKind) -> Result<impl BufRead> {
     Ok(input::open(path, kind)?.buffered())
 }
 

@@ -1,24 +1,19 @@
 //! Laser tests and other positioning tests to `cycle,direction,target_mm,deviation_um`.
 
-use std::path::Path;
-
-use super::{Args, FormatArg, encoding_note, open};
+use super::{Args, FormatArg, encoding_note, note_list, open};
 use crate::files::Rows;
-use crate::input::{self, InputKind};
 use crate::positioning_data::{format_failure, parse_dat};
 use crate::predict::push_number;
+use crate::prelude::*;
 use crate::progress::Progress;
 use crate::start_up;
-use crate::{EX_DATAERR, Failure};
 use volcomp_evaluate::PositioningReading;
 use volcomp_formats::columns::{Columns, Placed, Runs};
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
-use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
-pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
+pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
     let out = args.out()?;
     if args.model.into.is_some() {
         return Err(Failure::usage(
@@ -33,9 +28,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
         let after = cycles;
         let mut sink = |kind: AxisKind, reading: &Reading| {
             if *joined.get_or_insert(kind) != kind {
-                let what =
-                    format_args!("error: {file}: in other units than the files before it; import them apart");
-                return Err(Failure::new(EX_DATAERR, what));
+                return Err(data!(file, "in other units than the files before it; import them apart"));
             }
             // several files are several tests: their cycles follow each other
             let cycle = reading.cycle + after;
@@ -54,7 +47,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
 }
 
 /// Reads a whole test and says what was found.
-fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<PositioningTest, Failure> {
+fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<PositioningTest> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(file, &bytes)?;
     let encoding = encoding_note(&decoded);
@@ -98,7 +91,7 @@ fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<Posit
 
 impl Args {
     /// The unit of an .rtl: um for a linear axis; for a rotary one it has to be stated.
-    fn deviation_unit(&self, rtl: &Rtl, file: &str) -> Result<DeviationUnit, Failure> {
+    fn deviation_unit(&self, rtl: &Rtl, file: &str) -> Result<DeviationUnit> {
         let written = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
         let axis = self.axis.or(written);
         match (self.deviation_unit, axis.map(AxisName::kind)) {
@@ -115,13 +108,8 @@ impl Args {
 }
 
 fn describe_rtl(rtl: &Rtl) {
-    let about: Vec<String> = ["Machine", "Serial No", "Axis", "Date", "By", "Location", "TITLE"]
-        .into_iter()
-        .filter_map(|k| rtl.user(k).map(|v| format!("{} {v}", k.to_lowercase())))
-        .collect();
-    if !about.is_empty() {
-        note!("  {}", about.join(", "));
-    }
+    let about = ["Machine", "Serial No", "Axis", "Date", "By", "Location", "TITLE"].into_iter();
+    note_list("", about.filter_map(|k| rtl.user(k).map(|v| format!("{} {v}", k.to_lowercase()))));
     let way = if rtl.is_one_way() { "one way" } else { "both ways" };
     note!("  {} targets, {} runs, {way}", rtl.targets.len(), rtl.run_count);
     let known = [
@@ -133,20 +121,12 @@ fn describe_rtl(rtl: &Rtl) {
         ("Mat temp 3", "material 3", "degC"),
         ("Exp coeff", "expansion", "ppm/degC"),
     ];
-    let environment: Vec<String> = known
-        .into_iter()
-        .filter_map(|(key, name, unit)| {
-            let span = rtl.environment(key)?;
-            Some(format!("{name} {:.2} to {:.2} {unit}", span.start, span.end))
-        })
-        .collect();
-    if !environment.is_empty() {
-        note!("  {}", environment.join(", "));
-    }
-    let absent: Vec<&str> = rtl.absent_sensors().collect();
-    if !absent.is_empty() {
-        note!("  sensors that were not there: {}", absent.join(", "));
-    }
+    let environment = known.into_iter().filter_map(|(key, name, unit)| {
+        let span = rtl.environment(key)?;
+        Some(format!("{name} {:.2} to {:.2} {unit}", span.start, span.end))
+    });
+    note_list("", environment);
+    note_list("sensors that were not there: ", rtl.absent_sensors());
 }
 
 /// Range, cycles and directions of a test.
@@ -154,7 +134,7 @@ fn describe(test: &PositioningTest) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
     let (Some(low), Some(high)) = (positions.first(), positions.last()) else { return };
     let ([low, high], unit) = ([*low, *high].map(|q| test.kind.position_out(q)), test.kind.position_unit());
-    let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
+    let cycles: BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let reverse = test.readings.iter().filter(|r| r.travel == Travel::Reverse).count();
     note!(
         "  {} readings at {} positions from {low} to {high} {unit}, {} cycles, {reverse} of them towards minus",
@@ -175,16 +155,10 @@ fn describe(test: &PositioningTest) {
 const START_UP_ROWS: usize = 100_000;
 
 /// A table with a column map, row by row.
-fn columns(
-    args: &Args,
-    path: &Path,
-    sink: &mut dyn FnMut(AxisKind, &Reading) -> Result<(), Failure>,
-) -> Result<(), Failure> {
+fn columns(args: &Args, path: &Path, sink: &mut dyn FnMut(AxisKind, &Reading) -> Result<()>) -> Result<()> {
     let file = path.display().to_string();
     let map = args.column_map()?;
-    let Some(target) = map.output("target") else {
-        return Err(Failure::usage("the map has no output target"));
-    };
+    let target = map.output("target").ok_or_else(|| usage!("the map has no output target"))?;
     let value = map.output("deviation").or(map.output("actual")).unwrap_or(target);
     let (cycle, direction) = (map.output("cycle"), map.output("direction"));
     let is_actual = map.output("actual").is_some();
@@ -257,7 +231,7 @@ fn columns(
 }
 
 /// Refuses a reading whose direction of approach the order of the rows does not tell.
-fn certain(file: &str, line: u64, placed: &Placed, kind: AxisKind) -> Result<(), Failure> {
+fn certain(file: &str, line: u64, placed: &Placed, kind: AxisKind) -> Result<()> {
     if placed.is_certain {
         return Ok(());
     }
@@ -275,7 +249,7 @@ fn given<R: std::io::BufRead>(
     table: &Columns<R>,
     cycle: Option<usize>,
     direction: Option<usize>,
-) -> Result<(Option<u32>, Option<Travel>), Failure> {
+) -> Result<(Option<u32>, Option<Travel>)> {
     let wrong = |value: f64, what: &str| failure!(EX_DATAERR, "{file}:{}: {value} is {what}", table.line());
     let travel = direction.map(|i| match table.values()[i] {
         1.0 => Ok(Travel::Forward),
@@ -298,7 +272,7 @@ pub(super) fn read_failure(path: &Path, e: &ReadError) -> Failure {
 }
 
 /// Writes a reading, in front of the first the names of the columns.
-fn write(rows: &mut Rows, kind: AxisKind, r: &Reading) -> Result<(), Failure> {
+fn write(rows: &mut Rows, kind: AxisKind, r: &Reading) -> Result<()> {
     if rows.is_empty() {
         rows.block.extend_from_slice(match kind {
             AxisKind::Linear => b"cycle,direction,target_mm,deviation_um\n",

@@ -3,30 +3,27 @@
 use std::cell::Cell;
 use std::fmt::Write as _;
 use std::io::{self, BufRead, Read, Write};
-use std::path::Path;
 use std::rc::Rc;
 
 use super::positioning::read_failure;
-use super::{Args, encoding_note, open};
-use crate::Failure;
+use super::{Args, encoding_note, note_list, open};
 use crate::files::Rows;
-use crate::input::{self, InputKind};
 use crate::positioning_data::format_failure;
+use crate::prelude::*;
 use crate::progress::Progress;
 use volcomp_formats::columns::Columns;
 use volcomp_formats::edge::{self, Gap, Header, Row, Sink, Summary};
 use volcomp_formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
-use volcomp_units::axes::AxisKind;
 
 /// The table that is asked for, with its columns.
-fn create<'a>(args: &Args, columns: impl Iterator<Item = &'a str>) -> Result<Rows, Failure> {
+fn create<'a>(args: &Args, columns: impl Iterator<Item = &'a str>) -> Result<Rows> {
     let mut rows = Rows::create(args.out()?)?;
     put_names(&mut rows, columns);
     Ok(rows)
 }
 
 fn put_names<'a>(rows: &mut Rows, columns: impl Iterator<Item = &'a str>) {
-    rows.block.extend_from_slice(columns.collect::<Vec<_>>().join(",").as_bytes());
+    rows.block.extend_from_slice(columns.joined(",").as_bytes());
     rows.block.push(b'\n');
 }
 
@@ -38,7 +35,7 @@ fn number(rows: &mut Rows, value: f64) {
     }
 }
 
-pub(super) fn rtx(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn rtx(args: &Args, path: &Path) -> Result<()> {
     let mut samples =
         dynamic::Samples::new(open(path, InputKind::Stream)?).map_err(|e| read_failure(path, &e))?;
 
@@ -61,13 +58,8 @@ pub(super) fn rtx(args: &Args, path: &Path) -> Result<(), Failure> {
     table.finish()?;
     let header = samples.header();
     note!("{}: Renishaw dynamic laser test (.rtx)", path.display());
-    let about: Vec<String> = ["Machine", "Axis", "Date", "By", "Owner"]
-        .into_iter()
-        .filter_map(|k| header.text(k).map(|v| format!("{} {v}", k.to_lowercase())))
-        .collect();
-    if !about.is_empty() {
-        note!("  {}", about.join(", "));
-    }
+    let about = ["Machine", "Axis", "Date", "By", "Owner"].into_iter();
+    note_list("", about.filter_map(|k| header.text(k).map(|v| format!("{} {v}", k.to_lowercase()))));
     note!("  {done} samples at {rate} Hz, {:.3} s", done.saturating_sub(1) as f64 / rate);
     if !args.angular {
         note!("  note: taken as mm; the file does not say whether it was an angular optic (--angular: mrad)");
@@ -158,7 +150,7 @@ impl Sink for Capture<'_> {
     }
 }
 
-pub(super) fn edge(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn edge(args: &Args, path: &Path) -> Result<()> {
     let mut source = open(path, InputKind::Capture)?;
     if source.fill_buf().map_err(|e| Failure::io(path, &e))?.starts_with(b"\xef\xbb\xbf") {
         source.consume(3);
@@ -196,12 +188,9 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
     let Summary { rows, duration_s, .. } = summary;
     let (signals, cycle_ms) = (header.signals.len(), header.cycle_ms);
     note!("  {rows} rows of {signals} signals every {cycle_ms} ms, {duration_s:.3} s from first to last");
-    let mut axes: Vec<(u32, &str)> =
+    let axes: BTreeSet<(u32, &str)> =
         header.signals.iter().filter_map(|s| s.of_axis().map(|(_, n)| (n, s.axis.as_str()))).collect();
-    axes.sort_unstable();
-    axes.dedup();
-    let axes: Vec<String> = axes.iter().map(|(n, name)| format!("{n} ({name})")).collect();
-    note!("  axes {}", axes.join(", "));
+    note!("  axes {}", axes.iter().map(|(n, name)| format!("{n} ({name})")).joined(", "));
     for Gap { missing_cycles, after_rows, .. } in &summary.gaps {
         let lost = *missing_cycles as f64 * cycle_ms / 1e3;
         note!(
@@ -216,18 +205,15 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
             "  note: the letters of the axes need not say how they move; name those you want with --axes, such as --axes x=1,c=4"
         );
     }
-    let events: Vec<String> = summary.events.iter().map(|(name, n)| format!("{n} {name}")).collect();
-    if !events.is_empty() {
-        note!("  not kept: {}", events.join(", "));
-    }
+    note_list("not kept: ", summary.events.iter().map(|(name, n)| format!("{n} {name}")));
 }
 
-pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
     let mut log = epics::Log::new(open(path, InputKind::Stream)?);
 
     let mut progress = Progress::new(path);
     let mut table = create(args, ["t_s", "pv", "value", "alarm"].into_iter())?;
-    let (mut rows, mut pvs) = (0u64, std::collections::BTreeSet::new());
+    let (mut rows, mut pvs) = (0u64, BTreeSet::new());
     while log.advance().map_err(|e| read_failure(path, &e))? {
         let change = log.change();
         if pvs.len() < 10_000 && !pvs.contains(&change.pv) {
@@ -256,7 +242,7 @@ pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn columns(args: &Args, path: &Path) -> Result<()> {
     let map = args.column_map()?;
     let mut source = Columns::new(open(path, InputKind::Stream)?, map).map_err(|e| read_failure(path, &e))?;
 
@@ -285,7 +271,7 @@ pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
+pub(super) fn b5r(args: &Args, path: &Path) -> Result<()> {
     let file = path.display().to_string();
     let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(&file, &bytes)?;
@@ -315,10 +301,7 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
     if let Some(plane) = &test.plane {
         note!("  plane {plane}");
     }
-    let about: Vec<String> = test.about.iter().map(|(k, v)| format!("{k} {v}")).collect();
-    if !about.is_empty() {
-        note!("  {}", about.join(", "));
-    }
+    note_list("", test.about.iter().map(|(k, v)| format!("{k} {v}")));
     note!("  {} figures; raw samples are not read", test.features.len());
     let unknown = test.features.iter().filter(|f| f.unit.is_none()).count();
     if unknown > 0 {

@@ -1,20 +1,13 @@
 //! Tables of controls to a model.
 
 use super::{Args, FormatArg, encoding_note};
-use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, default_chain, put};
 use crate::positioning_data::format_failure;
-use crate::{EX_DATAERR, Failure};
-use volcomp_config::ModelFile;
+use crate::prelude::*;
 use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc};
-use volcomp_model::curve::Curve;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{ErrorFunction, ErrorSymbol};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::deg_from_rad;
 
-pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
+pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
     if args.model.target().is_none() {
         return Err(Failure::usage(
             "neither --out nor --into is given; a table of a control becomes a model file",
@@ -30,9 +23,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
         let errors = read(args, format, &model, &file, &decoded.text, &encoding_note(&decoded))?;
         for (symbol, function) in errors {
             if seen.contains(&symbol) {
-                let what =
-                    format_args!("error: {file}: {symbol} was in a file before it; import one of the two");
-                return Err(Failure::new(EX_DATAERR, what));
+                return Err(data!(file, "{symbol} was in a file before it; import one of the two"));
             }
             seen.push(symbol);
             refuse_other_reference(&model, symbol, format, &file)?;
@@ -50,7 +41,7 @@ fn read(
     file: &str,
     text: &str,
     encoding: &str,
-) -> Result<Vec<(ErrorSymbol, ErrorFunction)>, Failure> {
+) -> Result<Vec<(ErrorSymbol, ErrorFunction)>> {
     let axis =
         || args.axis.ok_or_else(|| usage!("{file}: the file does not say whose table it is; give --axis"));
     let fail = |e| format_failure(file, &e);
@@ -101,25 +92,25 @@ fn refuse_other_reference(
     symbol: ErrorSymbol,
     format: FormatArg,
     file: &str,
-) -> Result<(), Failure> {
+) -> Result<()> {
     if symbol.is_constant() {
         return Ok(());
     }
     let axis = model.spec.axis(symbol.axis());
     if model.spec.is_mirrored(axis.name) {
-        let what = format_args!(
-            "error: {file}: axis {} of the model is in the carriage sense, the table in the relative one; import into a model in the relative sense",
+        return Err(data!(
+            file,
+            "axis {} of the model is in the carriage sense, the table in the relative one; import into a model in the relative sense",
             axis.name
-        );
-        return Err(Failure::new(EX_DATAERR, what));
+        ));
     }
     let elsewhere = axis.reference_points.iter().any(|r| r.point != Vec3::zeros());
     if format == FormatArg::Isg && axis.name.kind() == AxisKind::Linear && elsewhere {
-        let what = format_args!(
-            "error: {file}: axis {} of the model has reference points, the table is referred to the origin; import into a model without them",
+        return Err(data!(
+            file,
+            "axis {} of the model has reference points, the table is referred to the origin; import into a model without them",
             axis.name
-        );
-        return Err(Failure::new(EX_DATAERR, what));
+        ));
     }
     Ok(())
 }
@@ -141,8 +132,11 @@ fn describe(symbol: ErrorSymbol, function: &ErrorFunction) {
         }
     }
     for grid in &function.grids {
-        let axes: Vec<String> =
-            grid.axes().enumerate().map(|(i, a)| format!("{} along {a}", grid.positions(i).len())).collect();
-        note!("  {symbol}: grid, {}", axes.join(", "));
+        let axes = grid
+            .axes()
+            .enumerate()
+            .map(|(i, a)| format!("{} along {a}", grid.positions(i).len()))
+            .joined(", ");
+        note!("  {symbol}: grid, {axes}");
     }
 }

@@ -1,31 +1,14 @@
 //! `model report`: what ISO/TR 16907 asks the documentation of a compensation to state, on one page.
 
-use std::path::PathBuf;
-
-use serde_json::{Value, json};
-
-use super::super::{EX_CONFIG, Failure};
 use super::gauge::NEGLIGIBLE;
 use super::picture;
 use super::report::Report;
-use crate::acceptance::verdicts::NOT_STATED;
-use crate::acceptance::{Acceptance, HeadArgs, Stated, file_name, sign};
+use crate::acceptance::{Acceptance, HeadArgs, NOT_STATED, Stated, file_name, sign};
 use crate::check::Size;
-use crate::files::write_text;
-use crate::input::{self, InputKind};
-use crate::numerals::{counted, micro, plain, signed};
-use crate::quantities::{
-    error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
-};
-use crate::report::{Page, Table};
-use crate::units::key;
-use volcomp_config::{MachineConfig, ModelFile, Provenance};
+use crate::prelude::*;
 use volcomp_model::curve::Interpolation;
 use volcomp_model::extremes::search;
 use volcomp_model::gauge::normalise;
-
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
 
 /// Write the documentation of a compensation on one page: what ISO/TR 16907 asks for
 ///
@@ -34,7 +17,7 @@ use volcomp_units::axes::{AxisKind, AxisName};
 ///
 /// Example: volcomp model report model.toml --config machine.toml --head head.toml --validation x.json --html model.html
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model file (volcomp-model/1)
     #[arg(value_name = "MODEL")]
     file: PathBuf,
@@ -55,7 +38,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     if args.json && args.html.as_os_str() == "-" {
         return Err(Failure::usage("--json and the page cannot both go to stdout"));
     }
@@ -125,7 +108,7 @@ fn or_not_stated(words: Option<String>) -> String {
 }
 
 /// Reads what `volcomp verify --json` wrote.
-fn read_validation(path: &std::path::Path) -> Result<Validation, Failure> {
+fn read_validation(path: &std::path::Path) -> Result<Validation> {
     let text = input::read_text(path, InputKind::Case)?;
     let wrong = |what: &str| data!(path, "{what}; expected the output of volcomp verify --json");
     let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
@@ -158,7 +141,7 @@ impl Documented<'_> {
         &self.file.spec
     }
 
-    fn page(&self, model: &Model) -> Result<String, Failure> {
+    fn page(&self, model: &Model) -> Result<String> {
         let spec = self.spec();
         let mut page = Page::new(&format!("Compensation of {}", spec.machine));
         page.html("<div class=\"dense\">");
@@ -167,11 +150,10 @@ impl Documented<'_> {
         );
         self.acceptance.head(&mut page);
         let hash = self.hash.as_ref().map_or(String::new(), |h| format!(", blake3 {h}"));
-        let axes: Vec<String> =
-            spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| self.axis(a.name)).collect();
+        let axes = spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| self.axis(a.name)).joined("; ");
         page.facts([
             ("model file", format!("{}{hash}", self.report.name)),
-            ("kinematic representation", format!("{}; {}", spec.chain, axes.join("; "))),
+            ("kinematic representation", format!("{}; {axes}", spec.chain)),
             ("determined from", or_not_stated(origin(&self.file.provenance))),
             ("re-check", or_not_stated(self.re_check())),
         ]);
@@ -274,19 +256,17 @@ impl Documented<'_> {
 
     /// What happens outside of the functions' ranges, and where they are narrower than the travel.
     fn extrapolation(&self) -> String {
-        let mut text =
-            "none: outside the range of a function its end value is held and the point is flagged".to_owned();
-        let short: Vec<String> = crate::check::model_notes(self.file)
+        let held = "none: outside the range of a function its end value is held and the point is flagged";
+        let short = crate::check::model_notes(self.file)
             .into_iter()
             .filter(|n| n.contains("its end value is held"))
             .map(|n| n.split(';').next().unwrap_or(&n).to_owned())
-            .collect();
+            .joined("; ");
         if short.is_empty() {
-            text.push_str("; every function covers the travel stated");
+            format!("{held}; every function covers the travel stated")
         } else {
-            text = format!("{text}; {}", short.join("; "));
+            format!("{held}; {short}")
         }
-        text
     }
 
     /// Compensations of the control.
@@ -300,7 +280,7 @@ impl Documented<'_> {
 
     fn applied(&self) -> String {
         let axes = match self.machine {
-            Some(machine) => machine.axes.iter().map(|a| a.name.to_string()).collect::<Vec<_>>().join(", "),
+            Some(machine) => machine.axes.iter().map(|a| a.name.to_string()).joined(", "),
             None => NOT_STATED.to_owned(),
         };
         format!("offsets of the axes, each cycle; axes offset: {axes}")
@@ -333,30 +313,25 @@ impl Documented<'_> {
         let held = self.held_by_curves();
         let is_held = |s: &ErrorSymbol| held.iter().any(|(other, _)| other == s);
         let symbols = spec.chain.error_symbols().into_iter();
-        let left: Vec<String> =
-            symbols.filter(|s| !covered.contains(s) && !is_held(s)).map(|s| s.to_string()).collect();
-        if left.is_empty() {
-            out.push(
-                "no error motion, squareness or location error of the chain is without a function".to_owned(),
-            );
+        let left = symbols.filter(|s| !covered.contains(s) && !is_held(s)).joined(" ");
+        out.push(if left.is_empty() {
+            "no error motion, squareness or location error of the chain is without a function".to_owned()
         } else {
-            out.push(format!("without a function: {}", left.join(" ")));
-        }
+            format!("without a function: {left}")
+        });
         if !held.is_empty() {
             let words = |(s, amount): &(ErrorSymbol, f64)| {
                 format!("{s} {} {}", signed(error_out(*s, *amount), 2), error_unit(*s))
             };
-            let all: Vec<String> = held.iter().map(words).collect();
+            let all = held.iter().map(words).joined(", ");
             out.push(format!(
-                "compensated as slopes or offsets of other curves: {} (volcomp model normalise gives them functions of their own)",
-                all.join(", ")
-            ));
+                "compensated as slopes or offsets of other curves: {all} (volcomp model normalise gives them functions of their own)"));
         }
         if let Some(machine) = self.machine {
             let never = machine.uncorrected_axes(spec);
             if !never.is_empty() {
-                let names: Vec<String> = never.iter().map(ToString::to_string).collect();
-                out.push(format!("axes that are never offset: {}", names.join(", ")));
+                let names = never.iter().joined(", ");
+                out.push(format!("axes that are never offset: {names}"));
             }
         }
         let rotary = spec.chain.axes().iter().any(|a| !a.spindle && a.name.kind() == AxisKind::Rotary);
@@ -404,9 +379,8 @@ impl Documented<'_> {
 
 /// Instrument, day and file of a determination, where stated.
 fn origin(p: &Provenance) -> Option<String> {
-    let stated: Vec<&str> =
-        [&p.instrument, &p.date, &p.source].into_iter().flatten().map(String::as_str).collect();
-    (!stated.is_empty()).then(|| stated.join(", "))
+    let stated = [&p.instrument, &p.date, &p.source].into_iter().flatten().joined(", ");
+    Some(stated).filter(|stated| !stated.is_empty())
 }
 
 fn meaning(symbol: ErrorSymbol) -> &'static str {
@@ -449,12 +423,12 @@ fn representation(symbol: ErrorSymbol, function: &ErrorFunction) -> String {
     };
     let mut terms: Vec<String> = function.curves.iter().map(curve).collect();
     terms.extend(function.grids.iter().map(|grid| {
-        let axes: Vec<String> = grid
+        let axes = grid
             .axes()
             .enumerate()
             .map(|(i, axis)| format!("{axis} {} {}", grid.positions(i).len(), step(grid.positions(i), axis)))
-            .collect();
-        format!("grid, {}, linear", axes.join(", "))
+            .joined(", ");
+        format!("grid, {axes}, linear")
     }));
     terms.extend(function.live.iter().map(|live| format!("live value of {}", live.sensor)));
     if !function.dynamics.is_empty() {

@@ -1,8 +1,6 @@
 //! The chain as a small text drawing, from the workpiece over the bed to the tool.
 
-use crate::quantities::{position_out, position_unit};
-use volcomp_model::{ModelSpec, Side};
-use volcomp_units::axes::AxisKind;
+use crate::prelude::*;
 
 /// One station of the drawing, from top to bottom of its column.
 struct Station {

@@ -1,14 +1,9 @@
 //! `model extend`: what a diagnosis has found becomes part of the model that volcompd corrects with.
 
-use std::path::PathBuf;
-
-use super::super::{EX_CONFIG, EX_DATAERR, Failure};
 use super::forecast::Forecast;
 use crate::acceptance::file_name;
 use crate::additions::read_addition;
-use crate::files::write_model;
-use crate::input::{InputKind, read_text};
-use volcomp_config as config;
+use crate::prelude::*;
 use volcomp_effects::addition::Twice;
 use volcomp_effects::extend::{Fate, extend};
 
@@ -23,7 +18,7 @@ use volcomp_effects::extend::{Fate, extend};
 ///
 ///   volcomp model extend --model model.toml --add diagnosis/addition.toml --out better.toml
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// The model with which the effects were found (volcomp-model/1)
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
@@ -44,10 +39,8 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let text = read_text(&args.model, InputKind::Model)?;
-    let mut model = config::model::parse_file(&args.model.display().to_string(), &text)?;
-    let hash = blake3::hash(text.as_bytes()).to_hex();
+pub(super) fn run(args: &Args) -> Result<()> {
+    let (mut model, hash) = read_hashed_model_file(&args.model)?;
     let mut fates: Vec<(String, Fate)> = Vec::new();
     for path in &args.add {
         let addition = read_addition(path)?;
@@ -78,27 +71,25 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     if !fates.iter().any(|(_, fate)| fate.is_taken()) {
         let why: Vec<String> = fates.iter().map(|f| format!("\n  {}", line(f))).collect();
-        let files: Vec<String> = args.add.iter().map(|p| p.display().to_string()).collect();
+        let files = args.add.iter().map(|p| p.display()).joined(", ");
         return Err(failure!(
             EX_DATAERR,
-            "{}: nothing in it can be part of a model; the model stays as it is{}",
-            files.join(", "),
+            "{files}: nothing in it can be part of a model; the model stays as it is{}",
             why.concat()
         ));
     }
     let forecast = args.add.first().map(|path| Forecast::read(args.report.as_ref(), path));
     let forecast = forecast.transpose()?.flatten();
     let delivered = forecast.as_ref().map(|f| f.delivered(&fates));
-    let added: Vec<String> = args.add.iter().map(|p| file_name(p)).collect();
-    let comment =
-        format!("{} with {}, written by volcomp model extend.", file_name(&args.model), added.join(", "));
+    let added = args.add.iter().map(|p| file_name(p)).joined(", ");
+    let comment = format!("{} with {added}, written by volcomp model extend.", file_name(&args.model));
     write_model(&args.out, &config::model::write_file(&model, &[comment]))?;
     if args.json {
         let report = serde_json::json!({
             "effects": fates.iter().map(|fate| as_json(fate, forecast.as_ref())).collect::<Vec<_>>(),
             "shrink": delivered.map(|d| d.json()),
             "sensors": model.growths_in_use().flat_map(|t| t.inputs.iter().map(|i| i.sensor.clone()))
-                .collect::<std::collections::BTreeSet<_>>(),
+                .collect::<BTreeSet<_>>(),
             "out": args.out.display().to_string(),
         });
         return say(args, &format!("{report:#}\n"));
@@ -111,7 +102,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Where the model goes to stdout, words go beside it.
-fn say(args: &Args, text: &str) -> Result<(), Failure> {
+fn say(args: &Args, text: &str) -> Result<()> {
     if args.out.as_os_str() == "-" {
         crate::note_text(format_args!("{text}"));
         return Ok(());

@@ -1,11 +1,7 @@
 //! How much of a forecast shrink of the gap a model can deliver: the report of a diagnosis against what became of its effects.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
-use super::super::Failure;
-use crate::input::{InputKind, read_text};
+use crate::input::read_text;
+use crate::prelude::*;
 use volcomp_effects::extend::Fate;
 
 /// The forecast of one diagnosis, `report.json`.
@@ -54,7 +50,7 @@ impl Delivered {
 
 impl Forecast {
     /// Reads the report named by the user, or `report.json` beside an addition; `None` where none of a diagnosis is beside it.
-    pub(super) fn read(named: Option<&PathBuf>, addition: &Path) -> Result<Option<Self>, Failure> {
+    pub(super) fn read(named: Option<&PathBuf>, addition: &Path) -> Result<Option<Self>> {
         if let Some(path) = named {
             return Self::read_file(path).map(Some);
         }
@@ -67,7 +63,7 @@ impl Forecast {
         })
     }
 
-    fn read_file(path: &Path) -> Result<Self, Failure> {
+    fn read_file(path: &Path) -> Result<Self> {
         let text = read_text(path, InputKind::Model)?;
         let wrong = |what: &str| data!(path, "{what}; expected report.json of volcomp diagnose");
         let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;

@@ -1,14 +1,8 @@
 //! The report of `check` and `model` on datums and reference lines: what the normal form would remove, and where it would go.
 
-use serde_json::{Value, json};
-
-use crate::quantities::{error_out, error_unit, list, position_out, position_unit, rounded};
-use crate::units::key;
+use crate::prelude::*;
+use crate::quantities::list;
 use volcomp_model::gauge::{Effect, Gauged, Moved, Part, RigidShare, Untouched, normalise};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::spec::ModelSpec;
-use volcomp_model::{ErrorFunction, ErrorSymbol};
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// The gauge by the name that a person knows.
 const CONVENTION: &str = "datum and reference-line convention";

@@ -2,15 +2,13 @@
 
 use super::report::{Report, axis_words, errors};
 use super::{drawing, gauge, picture};
-use crate::Failure;
-use crate::report::Page;
-use volcomp_model::Model;
+use crate::prelude::*;
 
 /// The page.
 ///
 /// # Errors
 /// A picture could not be drawn.
-pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String, Failure> {
+pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String> {
     let spec = report.spec();
     let mut page = Page::new(&format!("{} {}", spec.machine, spec.chain));
     page.paragraph(report.name);

@@ -12,22 +12,11 @@ mod picture;
 pub(super) mod report;
 mod show;
 
-use std::path::Path;
-
-use super::Failure;
-use super::input::{self, InputKind};
-use volcomp_config as config;
-use volcomp_config::ModelFile;
-
-/// Show what is in a model file, document it, write its normal form, put measurements together, or add what a diagnosis has found
-#[derive(Debug, clap::Parser)]
-pub(super) struct Args {
-    #[command(subcommand)]
-    verb: Verb,
-}
+use crate::prelude::*;
 
 subcommands! {
-    enum Verb {
+    /// Show what is in a model file, document it, write its normal form, put measurements together, or add what a diagnosis has found
+    pub(super) enum Verb {
         Show(show::Args) => show::run,
         Report(documentation::Args) => documentation::run,
         Assemble(Box<assemble::Args>) => assemble::run,
@@ -37,12 +26,8 @@ subcommands! {
     }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    args.verb.run()
-}
-
 /// Reads a model file with its provenance.
-fn load(path: &Path) -> Result<ModelFile, Failure> {
+fn load(path: &Path) -> Result<ModelFile> {
     let bytes = input::read(path, InputKind::Model)?;
     let file = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|e| {

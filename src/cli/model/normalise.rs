@@ -1,11 +1,6 @@
 //! `model normalise`: writes the normal form of a model (equations 1.8), once and visibly.
 
-use std::path::PathBuf;
-
-use super::super::Failure;
-use crate::files::write_model;
-use crate::numerals::micro;
-use volcomp_config as config;
+use crate::prelude::*;
 use volcomp_model::normalise;
 
 /// Write the normal form of a model: no constants, no slopes, the same predictions up to one rigid motion
@@ -13,7 +8,7 @@ use volcomp_model::normalise;
 /// Constants of error motions and slopes of straightnesses go to squareness and location errors; what these cannot
 /// hold is a rigid motion of the workpiece, which is printed. Running it again changes nothing.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model file (volcomp-model/1)
     #[arg(value_name = "IN.toml")]
     file: PathBuf,
@@ -25,7 +20,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut model = super::load(&args.file)?;
     let gauged = normalise(&model.spec)
         .map_err(|e| mistake!(args.file, "its normal form breaks a rule of models: {e}"))?;

@@ -1,23 +1,12 @@
 //! What `model show` says, in words and for programs.
 
-use serde_json::{Map, Value, json};
-
 use super::{drawing, gauge};
 use crate::check::{Size, kinds_of};
-use crate::numerals::{plain, signed};
-use crate::quantities::{
-    error_out, list, offset_out, offset_unit, point, pose_json, pose_words, position_out, position_unit,
-    range_words, rounded, vector,
-};
-use crate::report::Table;
-use crate::units::key;
+use crate::prelude::*;
+use crate::quantities::{corrections_json, list, point, pose_json, pose_words, vector};
 use volcomp_config::model::FORMAT;
-use volcomp_config::{ModelFile, Provenance};
 use volcomp_model::extremes::{Extreme, Found, kept_in_place};
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec, Sense, Side};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// A model with what was found out about it.
 pub(super) struct Report<'a> {
@@ -108,7 +97,7 @@ impl Report<'_> {
     pub(super) fn worst_words(&self) -> String {
         let table = self.worst();
         let words = table.cells().iter().take(2).map(|row| format!("{} {}", row[0], row[1]));
-        words.collect::<Vec<_>>().join("; ")
+        words.joined("; ")
     }
 
     /// The largest correction of each axis: how large, where.
@@ -134,16 +123,9 @@ impl Report<'_> {
 
     pub(super) fn as_json(&self) -> Value {
         let spec = self.spec();
-        let mut corrections = Map::new();
-        for (k, (axis, found)) in spec.chain.axes().iter().zip(&self.found.offsets).enumerate() {
-            let Some(extreme) = found else { continue };
-            let (key, value) = (
-                format!("largest_{}", offset_unit(axis.name)),
-                offset_out(axis.name, extreme.correction.offset[k]),
-            );
-            let entry = json!({key: value, "at": pose_json(&spec.chain, &extreme.pose)});
-            corrections.insert(axis.name.lower().to_string(), entry);
-        }
+        let offsets = self.found.offsets.iter();
+        let offsets = offsets.map(|e| e.as_ref().map(|e| (&e.correction.offset[..], &e.pose)));
+        let corrections = corrections_json(&spec.chain, offsets);
         let (p, r) = (&self.found.position, &self.found.rotation);
         json!({
             "format": FORMAT,
@@ -303,7 +285,7 @@ pub(super) fn kinds_words(function: &ErrorFunction) -> String {
     }
     let words =
         counted.into_iter().map(|(kind, n)| if n > 1 { format!("{n} {kind}") } else { kind.to_owned() });
-    words.collect::<Vec<_>>().join(" + ")
+    words.joined(" + ")
 }
 
 fn origin_words(p: &Provenance) -> String {
@@ -312,7 +294,7 @@ fn origin_words(p: &Provenance) -> String {
     out.extend(p.source.as_ref().map(|s| format!("from {s}")));
     if !p.sources.is_empty() {
         let files = p.sources.iter().filter_map(|s| s.source.as_deref());
-        out.push(format!("from {}", files.collect::<Vec<_>>().join(" and ")));
+        out.push(format!("from {}", files.joined(" and ")));
     }
     out.extend(p.expiry.as_ref().map(|e| format!("use until {e}")));
     out.extend(p.note.clone());
@@ -320,17 +302,8 @@ fn origin_words(p: &Provenance) -> String {
 }
 
 fn provenance_json(p: &Provenance) -> Value {
-    json!({
-        "instrument": p.instrument,
-        "date": p.date,
-        "operator": p.operator,
-        "temperature_degc": p.temperature_degc,
-        "expiry": p.expiry,
-        "source": p.source,
-        "source_hash": p.source_hash,
-        "sources": p.sources.iter().map(|s| json!({
-            "source": s.source, "source_hash": s.source_hash, "instrument": s.instrument, "date": s.date,
-        })).collect::<Vec<_>>(),
-        "note": p.note,
-    })
+    let mut json =
+        fields!(p; instrument, date, operator, temperature_degc, expiry, source, source_hash, note);
+    json["sources"] = p.sources.iter().map(|s| fields!(s; source, source_hash, instrument, date)).collect();
+    json
 }

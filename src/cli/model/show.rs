@@ -1,19 +1,14 @@
 //! `model show`: what is in a model, where it is worst, and a picture of it.
 
-use std::path::{Path, PathBuf};
-
-use super::super::{EX_CONFIG, Failure};
 use super::report::Report;
 use super::{html, picture};
-use crate::files::write_text;
-use crate::numerals::micro;
+use crate::prelude::*;
 use crate::progress::Steps;
-use volcomp_model::Model;
 use volcomp_model::extremes::search;
 
 /// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model file (volcomp-model/1)
     #[arg(value_name = "MODEL")]
     file: PathBuf,
@@ -31,7 +26,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let file = super::load(&args.file)?;
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
     let bar = Steps::new();
@@ -53,9 +48,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         return crate::exit::print(&format!("{json:#}\n"));
     }
     let mut lines: Vec<String> = report.lines(args.verbose).iter().map(|line| micro(line)).collect();
-    for out in [&args.html, &args.svg].into_iter().flatten() {
-        lines.push(format!("written: {}", out.display()));
-    }
+    let written = [&args.html, &args.svg].into_iter().flatten();
+    lines.extend(written.map(|out| format!("written: {}", out.display())));
     if args.html.is_none() && args.svg.is_none() {
         let hint = Path::new(args.file.file_stem().unwrap_or_default()).with_extension("html");
         lines.push(format!(

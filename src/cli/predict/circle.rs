@@ -1,21 +1,13 @@
 //! `volcomp predict --circle`: the circle that the model predicts against the circle that a ballbar measured.
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Map, Value, json};
-
 use super::Args;
 use super::readings::live_values;
-use crate::Failure;
-use crate::arg_parsers::{above_zero, point};
 use crate::evaluate::circular::{reading, samples};
-use crate::files::{read_model, write_text};
+use crate::prelude::*;
 use crate::report_page::{Page, Plot, Style, Table};
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::{CirclePrediction, CircularReading, Circularity};
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::um_from_mm;
+use volcomp_identify::ballbar::Plane;
 
 pub(super) const HELP: &str = "\
 A measured circle:
@@ -39,8 +31,8 @@ pub(super) struct CircleArgs {
     #[arg(long, value_name = "MM", value_parser = above_zero, requires = "circle")]
     radius_mm: Option<f64>,
     /// Plane of the circle: xy, yz or zx.
-    #[arg(long, value_name = "AXES", value_parser = ["xy", "yz", "zx"], default_value = "xy")]
-    plane: String,
+    #[arg(long, value_name = "AXES", value_parser = one_of(PLANES), default_value = "xy")]
+    plane: Plane,
     /// Print the figures as JSON.
     #[arg(long, requires = "circle")]
     json: bool,
@@ -49,22 +41,16 @@ pub(super) struct CircleArgs {
     report: Option<PathBuf>,
 }
 
+const PLANES: &[(&str, &str, Plane)] = &[("xy", "", Plane::Xy), ("yz", "", Plane::Yz), ("zx", "", Plane::Zx)];
+
 impl CircleArgs {
     /// True where a circle is to be predicted.
     pub(super) const fn is_wanted(&self) -> bool {
         self.circle.is_some()
     }
-
-    fn plane(&self) -> [AxisName; 2] {
-        match self.plane.as_str() {
-            "yz" => [AxisName::Y, AxisName::Z],
-            "zx" => [AxisName::Z, AxisName::X],
-            _ => [AxisName::X, AxisName::Y],
-        }
-    }
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let c = &args.circle;
     let (Some(path), Some(centre), Some(radius)) = (&c.circle, c.centre_mm, c.radius_mm) else {
         return Err(Failure::usage("--circle needs --centre-mm and --radius-mm"));
@@ -78,7 +64,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
     let readings: Vec<CircularReading> = samples(path, &known)?.iter().map(reading).collect();
     let live = live_values(&args.model, &model, &args.reading)?;
-    let [a, b] = c.plane();
+    let [a, b] = c.plane.axes();
     let predicted = predict(&model, &live, &readings, (centre, radius), [a, b], args.exact)
         .ok_or_else(|| usage!("--plane: the chain of the model has no axes {a} and {b}"))?;
     let result = CirclePrediction::new(&readings, &predicted, radius).map_err(|e| data!(path, "{e}"))?;

@@ -1,11 +1,8 @@
 //! Readings of sensors that a prediction holds for: the live values of the model's thermal displacements.
 
-use std::path::Path;
-
-use crate::Failure;
-use crate::files::read_model_file;
+use crate::prelude::*;
 use volcomp_estimate::thermal::{Thermal, ThermalState};
-use volcomp_model::{Model, SENSORS_MAX};
+use volcomp_model::SENSORS_MAX;
 
 /// One reading, as `--reading` gives it.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,11 +21,7 @@ pub(super) fn reading(text: &str) -> Result<Reading, String> {
 }
 
 /// Live values of the model for sensors that have stood at these readings for long, mm or mm/mm; zero without readings.
-pub(super) fn live_values(
-    path: &Path,
-    model: &Model,
-    readings: &[Reading],
-) -> Result<[f64; SENSORS_MAX], Failure> {
+pub(super) fn live_values(path: &Path, model: &Model, readings: &[Reading]) -> Result<[f64; SENSORS_MAX]> {
     let mut live = [0.0; SENSORS_MAX];
     if readings.is_empty() {
         return Ok(live);
@@ -52,12 +45,8 @@ pub(super) fn live_values(
         let find = |sensor: &str| readings.iter().rfind(|r| r.sensor == sensor).map(|r| r.value);
         let values: Option<Vec<f64>> = thermal.inputs.iter().map(|i| find(&i.sensor)).collect();
         let Some(values) = values else {
-            let names: Vec<&str> = thermal.inputs.iter().map(|i| i.sensor.as_str()).collect();
-            return Err(usage!(
-                "thermal \"{}\" depends on {}; give --reading for each",
-                thermal.name,
-                names.join(", ")
-            ));
+            let names = thermal.inputs.iter().map(|i| i.sensor.as_str()).joined(", ");
+            return Err(usage!("thermal \"{}\" depends on {names}; give --reading for each", thermal.name));
         };
         let mut state = ThermalState::new(thermal);
         state.advance(thermal, 0.0, &values);

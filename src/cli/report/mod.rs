@@ -14,5 +14,6 @@ pub(super) mod page;
 pub(super) mod plot;
 pub(super) mod table;
 
+pub(crate) use page::Cell;
 pub use page::Page;
 pub use table::Table;

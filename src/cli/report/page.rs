@@ -19,83 +19,62 @@ pub struct Page {
 
 /// A cell of a table.
 #[derive(Debug, Clone)]
-pub(crate) enum Cell {
-    /// Words.
-    Text(String),
-    /// Words that name the row.
-    Head(String),
-    /// A number, to the right.
-    Number(String),
-    /// Words in small print.
-    Small(String),
-    /// Markup.
-    Html(String),
-    /// A cell whose words are pale.
-    Faint(Box<Self>),
+pub(crate) struct Cell {
+    tag: &'static str,
+    /// Class of the style sheet: of numbers and of small print.
+    class: &'static str,
+    is_pale: bool,
+    /// What stands in it, as markup.
+    content: String,
 }
 
 impl Cell {
+    fn new(tag: &'static str, class: &'static str, words: impl Display) -> Self {
+        Self { tag, class, is_pale: false, content: escape(&words.to_string()) }
+    }
+
     /// Words.
     pub(crate) fn text(words: impl Display) -> Self {
-        Self::Text(words.to_string())
+        Self::new("td", "", words)
     }
 
     /// Words in small print, such as a hash.
     pub(crate) fn small(words: impl Display) -> Self {
-        Self::Small(words.to_string())
+        Self::new("td", "s", words)
     }
 
     /// Words that name the row.
     pub(crate) fn head(words: impl Display) -> Self {
-        Self::Head(words.to_string())
+        Self::new("th", "", words)
     }
 
     /// Markup; the caller has escaped its words.
     pub(crate) const fn html(markup: String) -> Self {
-        Self::Html(markup)
+        Self { tag: "td", class: "", is_pale: false, content: markup }
     }
 
     /// The same cell in pale letters.
     pub(crate) fn faint(self) -> Self {
-        Self::Faint(Box::new(self))
+        Self { is_pale: true, ..self }
     }
 
     /// A number, to the right.
     pub(crate) fn number(number: impl Display) -> Self {
-        Self::Number(number.to_string())
+        Self::new("td", "n", number)
     }
 
     fn is_number(&self) -> bool {
-        match self {
-            Self::Number(_) => true,
-            Self::Faint(cell) => cell.is_number(),
-            _ => false,
-        }
-    }
-
-    /// What stands in it, as markup.
-    fn content(&self) -> String {
-        match self {
-            Self::Text(t) | Self::Head(t) | Self::Number(t) | Self::Small(t) => escape(t),
-            Self::Html(markup) => markup.clone(),
-            Self::Faint(cell) => cell.content(),
-        }
+        self.class == "n"
     }
 
     /// The cell of a row; `label` is what names its column where the page is narrow.
     fn markup(&self, label: Option<&str>) -> String {
-        let (inner, pale) = if let Self::Faint(cell) = self { (&**cell, "faint") } else { (self, "") };
-        let (tag, kind) = match inner {
-            Self::Head(_) => ("th", ""),
-            Self::Number(_) => ("td", "n"),
-            Self::Small(_) => ("td", "s"),
-            _ => ("td", ""),
-        };
-        let class = format!("{kind} {pale}");
+        let Self { tag, class, is_pale, content } = self;
+        let class = format!("{class}{}", if *is_pale { " faint" } else { "" });
         let class = class.trim();
         let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
         let label = label.map_or_else(String::new, |l| format!(" data-l=\"{}\"", escape(l)));
-        format!("<{tag}{class}{label}>{}</{tag}>", inner.content())
+        format!("<{tag}{class}{label}>{content}</{tag}>")
     }
 }
 
@@ -255,7 +234,7 @@ impl Page {
         for cell in cells {
             if head {
                 let class = if cell.is_number() { " class=\"n\"" } else { "" };
-                self.put(format_args!("<th{class}>{}</th>", cell.content()));
+                self.put(format_args!("<th{class}>{}</th>", cell.content));
             } else {
                 self.put(format_args!("{}", cell.markup(None)));
             }

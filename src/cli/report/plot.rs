@@ -3,7 +3,7 @@
 
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
-use plotters::prelude::*;
+pub(crate) use plotters::prelude::*;
 
 use crate::numerals::hull;
 
@@ -28,9 +28,9 @@ pub(crate) const SHEET_WIDTH: u32 = 840;
 /// A part of a picture.
 pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// The result of drawing.
-pub(crate) type Drawn = Result<(), Box<dyn std::error::Error>>;
+pub(crate) type Drawn<T = ()> = Result<T, Box<dyn std::error::Error>>;
 /// A finished picture.
-pub(crate) type Svg = Result<String, Box<dyn std::error::Error>>;
+pub(crate) type Svg = Drawn<String>;
 /// A chart with straight axes.
 pub(crate) type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
@@ -85,11 +85,7 @@ pub(crate) fn stacked_tests<T>(
 }
 
 /// Words above a picture; what is left below them.
-pub(crate) fn titled<'a>(
-    area: &Area<'a>,
-    text: &str,
-    size: u32,
-) -> Result<Area<'a>, Box<dyn std::error::Error>> {
+pub(crate) fn titled<'a>(area: &Area<'a>, text: &str, size: u32) -> Drawn<Area<'a>> {
     if text.is_empty() {
         return Ok(area.clone());
     }
@@ -119,19 +115,27 @@ pub(crate) struct Axes<'a> {
 
 impl Axes<'_> {
     /// Draws the axes with grid and labels.
-    pub(crate) fn draw<'a, 'b>(
-        &self,
-        area: &'a Area<'b>,
-    ) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+    pub(crate) fn draw<'a, 'b>(&self, area: &'a Area<'b>) -> Drawn<Chart<'a, 'b>> {
+        self.sized(area, ([15, 14, 13], [40, 66], 9))
+    }
+
+    /// The same for one of several charts side by side.
+    pub(crate) fn draw_small<'a, 'b>(&self, area: &'a Area<'b>) -> Drawn<Chart<'a, 'b>> {
+        self.sized(area, ([14, 13, 12], [36, 58], 5))
+    }
+
+    /// Sizes of title, quantities and numbers, room below and to the left, and number of ticks of y.
+    fn sized<'a, 'b>(&self, area: &'a Area<'b>, sizes: ([u32; 3], [u32; 2], usize)) -> Drawn<Chart<'a, 'b>> {
+        let ([title, quantity, number], [below, left], y_ticks) = sizes;
         let mut builder = ChartBuilder::on(area);
         if !self.title.is_empty() {
-            builder.caption(self.title, (FONT, 15).into_font().color(&INK));
+            builder.caption(self.title, (FONT, title).into_font().color(&INK));
         }
         let mut chart = builder
             .margin(8)
             .margin_right(self.right.max(16))
-            .x_label_area_size(40)
-            .y_label_area_size(66)
+            .x_label_area_size(below)
+            .y_label_area_size(left)
             .build_cartesian_2d(self.x[0]..self.x[1], self.y[0]..self.y[1])?;
         let ([x_low, x_high], [y_low, y_high]) = (self.x, self.y);
         chart
@@ -139,11 +143,11 @@ impl Axes<'_> {
             .x_desc(self.x_label)
             .y_desc(self.y_label)
             .x_labels(self.x_ticks)
-            .y_labels(9)
+            .y_labels(y_ticks)
             .x_label_formatter(&|v| tick(*v, x_high - x_low))
             .y_label_formatter(&|v| tick(*v, y_high - y_low))
-            .axis_desc_style((FONT, 14))
-            .label_style((FONT, 13))
+            .axis_desc_style((FONT, quantity))
+            .label_style((FONT, number))
             .light_line_style(TRANSPARENT)
             .bold_line_style(FAINT)
             .axis_style(INK)

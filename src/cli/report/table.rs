@@ -2,9 +2,9 @@
 
 use std::fmt::Display;
 
-use super::page::{Cell, Page};
-use crate::acceptance::verdicts::NOT_STATED;
-use crate::numerals::micro;
+use super::page::Page;
+use crate::acceptance::NOT_STATED;
+use crate::prelude::*;
 
 /// Blanks between two columns.
 const GAP: usize = 2;
@@ -78,7 +78,7 @@ impl Table {
                 true => format!("{:>width$}", row[*k]),
                 false => format!("{:<width$}", row[*k]),
             });
-            cells.collect::<Vec<_>>().join(&" ".repeat(GAP)).trim_end().to_owned()
+            cells.joined(&" ".repeat(GAP)).trim_end().to_owned()
         };
         all.iter().map(line).collect()
     }

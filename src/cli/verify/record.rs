@@ -1,11 +1,7 @@
 //! `--record`: the result as the file that the daemon's page shows as the last verification.
 
-use std::path::PathBuf;
-
 use super::Verified;
-use crate::files::write_text;
-use crate::input::{self, InputKind};
-use crate::{EX_SOFTWARE, Failure};
+use crate::prelude::*;
 use volcomp_daemon::Verification;
 
 /// The file, and what only a person knows.
@@ -32,7 +28,7 @@ fn day(text: &str) -> Result<String, String> {
 }
 
 /// Writes the record, where one is asked for.
-pub(super) fn write(args: &super::Args, verified: &Verified) -> Result<(), Failure> {
+pub(super) fn write(args: &super::Args, verified: &Verified) -> Result<()> {
     let Args { record: Some(path), date: Some(date), instrument: Some(instrument), model } = &args.record
     else {
         return Ok(());

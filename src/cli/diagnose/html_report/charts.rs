@@ -1,12 +1,12 @@
 //! The charts of the page.
 
+use crate::prelude::*;
 use crate::report::chart::{Chart, HALF, Ink, Labels, Mark, key};
 use crate::report::page::escape;
 use volcomp_diagnose::session::Session;
 use volcomp_diagnose::{Curve, Diagnosis};
 
 use crate::diagnose::terms::{capital, name_of_label};
-use crate::numerals::{counted, hull};
 
 /// Readings of a chart, at most.
 const POINTS: usize = 700;

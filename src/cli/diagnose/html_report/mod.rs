@@ -2,9 +2,9 @@
 
 mod charts;
 
-use crate::report::Page;
+use crate::prelude::*;
 use crate::report::chart::{Bar, Ink, bars};
-use crate::report::page::{Cell, escape};
+use crate::report::page::escape;
 use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::report::{Cause, Report, Verdict};
 use volcomp_diagnose::session::Session;
@@ -15,7 +15,6 @@ use super::terms::{
     Compensable, Shares, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent,
     remedy, sorted, um, with_names, with_uncertainty,
 };
-use crate::numerals::counted;
 
 /// Least probability of a cause that is not declared and gets a picture.
 const CANDIDATE: f64 = 0.1;
@@ -173,8 +172,8 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable) -> Vec<Cel
         });
     }
     if !c.confounded_with.is_empty() {
-        let names: Vec<String> = c.confounded_with.iter().map(|l| name_of_label(l)).collect();
-        last.push(format!("not separable here from: {}", names.join(", ")));
+        let names = c.confounded_with.iter().map(|l| name_of_label(l)).joined(", ");
+        last.push(format!("not separable here from: {names}"));
     }
     if !c.re_expression_of.is_empty() {
         last.push(format!("equivalent here to {}", c.re_expression_of.join(" or ")));
@@ -351,17 +350,14 @@ fn unexplained(page: &mut Page, found: &Diagnosis) {
         percent(Shares::of(b).unexplained),
         with_names(&looks)
     ));
-    let places: Vec<String> = u
+    let places = u
         .places
         .iter()
         .take(5)
         .map(|p| format!("{} {} {} ({})", p.by, p.of, percent(p.share), p.detail).replace("  ", " "))
-        .collect();
+        .joined("; ");
     if !places.is_empty() {
-        page.note(format!(
-            "Share that any function of one quantity explains (shares overlap): {}.",
-            places.join("; ")
-        ));
+        page.note(format!("Share that any function of one quantity explains (shares overlap): {places}."));
     }
 }
 
@@ -383,8 +379,8 @@ fn next(page: &mut Page, r: &Report) {
             continue;
         }
         if lines.iter().all(|l| l.starts_with('(')) {
-            let text: Vec<&str> = lines.iter().map(|l| l.trim_matches(['(', ')'])).collect();
-            page.note(capital(&text.join("; ")));
+            let text = lines.iter().map(|l| l.trim_matches(['(', ')'])).joined("; ");
+            page.note(capital(&text));
         } else {
             page.folded(&format!("part program, {}", counted(lines.len(), "line")), &lines);
         }
@@ -395,21 +391,20 @@ fn next(page: &mut Page, r: &Report) {
 }
 
 fn limits(page: &mut Page, r: &Report) {
-    let mut pairs: Vec<String> = Vec::new();
-    for c in r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE) {
-        if !c.confounded_with.is_empty() {
-            let others: Vec<String> = c.confounded_with.iter().map(|l| name_of_label(l)).collect();
-            pairs.push(format!("{} from {}", name(&c.effect, &c.subject), others.join(", ")));
-        }
-    }
+    let shown = r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE);
+    let pair = |c: &Cause| {
+        let others = c.confounded_with.iter().map(|l| name_of_label(l)).joined(", ");
+        format!("{} from {others}", name(&c.effect, &c.subject))
+    };
+    let pairs = shown.filter(|c| !c.confounded_with.is_empty()).map(pair).joined("; ");
     if pairs.is_empty() && r.cannot_be_seen.is_empty() {
         return;
     }
     page.heading("What these data cannot show");
     if !pairs.is_empty() {
-        page.paragraph(format!("These data do not separate {}.", pairs.join("; ")));
+        page.paragraph(format!("These data do not separate {pairs}."));
     }
-    let mut reasons: std::collections::BTreeMap<&str, Vec<String>> = std::collections::BTreeMap::new();
+    let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
     for u in &r.cannot_be_seen {
         reasons.entry(&u.because).or_default().push(name_of_label(&u.effect));
     }
@@ -450,14 +445,13 @@ fn data(page: &mut Page, session: &Session, r: &Report) {
         .collect();
     page.stacked_table(&head, &rows);
     if !r.outlying_readings.is_empty() {
-        let listed: Vec<String> = r.outlying_readings.iter().take(OUTLIERS).map(|o| o.words(um)).collect();
+        let listed = r.outlying_readings.iter().take(OUTLIERS).map(|o| o.words(um)).joined("; ");
         let more = r.outlying_readings.len().saturating_sub(OUTLIERS);
         let more = if more > 0 { format!(" and {more} more in report.json") } else { String::new() };
         page.note(format!(
-            "{} left out as {}: {}{more}.",
+            "{} left out as {}: {listed}{more}.",
             counted(r.outlying_readings.len(), "reading"),
-            if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" },
-            listed.join("; ")
+            if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" }
         ));
     }
     // the folder of a file says nothing on paper

@@ -1,17 +1,10 @@
 //! Captures of a SINUMERIK Edge: following errors of the axes, from the JSON of the control or a table of its signals.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
-
 use super::{InstrumentArgs, Measurement, Rows, along};
-use crate::input::{self, InputKind};
-use crate::numerals::counted;
-use crate::{Failure, table};
+use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_formats::ReadError;
 use volcomp_formats::edge::{self, Header, Row, Sink};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::um_from_mm;
 
 /// Seconds per cycle of a table, which does not state it.
 const CYCLE_S: f64 = 0.002;
@@ -67,9 +60,8 @@ impl Survey {
 
     /// The signals that are not read, in words.
     fn unused_text(&self) -> Option<String> {
-        let kinds: Vec<&str> = self.unused.iter().map(String::as_str).collect();
-        (!kinds.is_empty())
-            .then(|| format!("signals not used: {}; DES_POS and ENC_POS are read", kinds.join(", ")))
+        let kinds = self.unused.iter().joined(", ");
+        (!kinds.is_empty()).then(|| format!("signals not used: {kinds}; DES_POS and ENC_POS are read"))
     }
 
     fn widen(&mut self, value: impl Fn(usize) -> f64) {
@@ -119,10 +111,10 @@ impl Survey {
         (axes, notes)
     }
 
-    fn channels(&self, path: &Path, axes: &[(AxisName, u32)]) -> Result<Vec<Channel>, Failure> {
+    fn channels(&self, path: &Path, axes: &[(AxisName, u32)]) -> Result<Vec<Channel>> {
         let known = || {
-            let all: Vec<String> = self.axes.iter().map(|(n, s)| format!("{n} ({})", s.name)).collect();
-            all.join(", ").replace(" ()", "")
+            let all = self.axes.iter().map(|(n, s)| format!("{n} ({})", s.name)).joined(", ");
+            all.replace(" ()", "")
         };
         let linear = axes.iter().filter(|(a, _)| a.kind() == AxisKind::Linear);
         let mut channels = Vec::new();
@@ -188,14 +180,14 @@ impl Following {
     }
 
     fn finish(self, format: String, notes: Vec<String>, times: &str) -> Measurement {
-        let axes: Vec<String> = self.channels.iter().map(|c| c.axis.lower().to_string()).collect();
+        let axes = self.channels.iter().map(|c| c.axis.lower().to_string()).joined(", ");
         let samples = self.rows.raw.len();
         let stretches = self.runs.len();
         let mut found = Measurement::new(self.rows, Times::Measured, format);
         found.notes = notes;
         found.note(format!(
             "following errors (encoder minus set point) of {}: {}, {times}, {}",
-            self.only.map_or(axes.join(", "), |a| a.lower().to_string()),
+            self.only.map_or(axes, |a| a.lower().to_string()),
             counted(samples, "reading"),
             counted(stretches, "uninterrupted part")
         ));
@@ -212,7 +204,7 @@ fn chosen(args: &InstrumentArgs, survey: &Survey) -> (Vec<(AxisName, u32)>, Vec<
 }
 
 /// A capture as a table of its signals.
-pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let mut survey = {
         let table = table::open(path)?;
         Survey::of(table.columns().iter().map(|c| (c.as_str(), "")))
@@ -273,7 +265,7 @@ impl Sink for Following {
 }
 
 /// A capture as the control writes it; its lines are counted as rows of data.
-pub(super) fn json(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn json(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let read = |sink: &mut dyn Sink| {
         let source = input::open(path, InputKind::Capture)?;
         edge::read(source.buffered(), sink).map_err(|e| match e {

@@ -1,16 +1,11 @@
 //! Circular tests (ballbar, grid encoder): the table `angle_deg,deviation_um,direction`, optionally with the feed and the run.
 
 use core::f64::consts::PI;
-use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rows};
-use crate::numerals::counted;
-use crate::{Failure, table};
+use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_identify::ballbar::{Plane, Sample, cut_overshoot};
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::Travel;
-use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 /// Length of the most common ballbar, mm.
 const RADIUS_MM: f64 = 150.0;
@@ -18,7 +13,7 @@ const RADIUS_MM: f64 = 150.0;
 /// Sine of the angle to a turning point below which an axis goes neither way.
 const TURNING: f64 = 1e-9;
 
-pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let (samples, lines) = samples(path, args)?;
     let plane = args.plane.unwrap_or(Plane::Xy);
     let radius = args.radius_mm.unwrap_or(RADIUS_MM);
@@ -120,7 +115,7 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
 }
 
 /// The readings without overshoot, and the line of each.
-fn samples(path: &Path, args: &InstrumentArgs) -> Result<(Vec<Sample>, Vec<u64>), Failure> {
+fn samples(path: &Path, args: &InstrumentArgs) -> Result<(Vec<Sample>, Vec<u64>)> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);

@@ -1,11 +1,8 @@
 //! Logs of displacement at one position, such as a spindle that warms up (ISO 230-3): a table over time with columns of
 //! displacement in um, temperatures `<name>_degC` or `<name> [°C]`, and `spindle_rpm`.
 
-use std::path::Path;
-
 use super::{InstrumentArgs, Measurement, Rows, along};
-use crate::numerals::counted;
-use crate::{Failure, table};
+use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_formats::columns::date_time_s;
 
@@ -43,7 +40,7 @@ fn sensor(column: &str) -> Option<String> {
 }
 
 /// Directions of the channels by name (`x_um`, `dy_um`, `z1_um`), else as a nest of probes has them.
-fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>, String), Failure> {
+fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>, String)> {
     let named = |column: &String| {
         let stem = column.to_ascii_lowercase();
         let stem = stem.trim_end_matches("_um").trim_start_matches(['d', 'e']);
@@ -70,13 +67,13 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
             ));
         }
     };
-    let list: Vec<String> =
-        channels.iter().zip(&found).map(|(c, d)| format!("{c} along {}", ["x", "y", "z"][*d])).collect();
-    let note = format!("directions assumed {how}: {}; --series states them", list.join(", "));
+    let list =
+        channels.iter().zip(&found).map(|(c, d)| format!("{c} along {}", ["x", "y", "z"][*d])).joined(", ");
+    let note = format!("directions assumed {how}: {list}; --series states them");
     Ok((found.into_iter().zip(channels.iter().cloned()).collect(), note))
 }
 
-pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let mut table = table::open(path)?;
     let names = table.columns().iter().map(String::as_str);
     let t = time_of(names).map_or_else(|| table.require(TIMES[0]), Ok)?;
@@ -106,10 +103,10 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     }
     let is_read =
         |i: usize| i == t || columns.iter().any(|(_, c, _)| *c == i) || sources.iter().any(|(c, _)| *c == i);
-    let unused: Vec<&str> =
-        table.columns().iter().enumerate().filter(|(i, _)| !is_read(*i)).map(|(_, n)| n.as_str()).collect();
+    let unused =
+        table.columns().iter().enumerate().filter(|(i, _)| !is_read(*i)).map(|(_, n)| n).joined(", ");
     if !unused.is_empty() {
-        notes.push(format!("columns not used: {}", unused.join(", ")));
+        notes.push(format!("columns not used: {unused}"));
     }
     let mut names =
         vec!["t_s", "setup", "run", "repeat", "x_mm", "moving", "u_x", "u_y", "u_z", "deviation_um"];

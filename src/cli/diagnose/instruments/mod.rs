@@ -11,21 +11,15 @@ mod points;
 mod positioning;
 mod unsuitable;
 
-use std::path::Path;
-
 use clap::Args;
 
 use super::ideal::Rotary;
-use crate::Failure;
-use crate::arg_parsers::{axis_letter, one_of};
 use crate::import::DEVIATION_UNITS;
+use crate::prelude::*;
 use volcomp_diagnose::session::{Note, Raw, Times};
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{detect, hole_plate, text};
 use volcomp_identify::ballbar::Plane;
-use volcomp_model::Model;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::AxisName;
 
 /// What files of instruments do not state.
 #[derive(Debug, Clone, Args)]
@@ -119,7 +113,7 @@ pub(super) fn recognised(
     head: &[u8],
     args: &InstrumentArgs,
     model: Option<&Model>,
-) -> Result<Option<Measurement>, Failure> {
+) -> Result<Option<Measurement>> {
     if !args.series.is_empty() {
         return displacement::read(path, args).map(Some);
     }

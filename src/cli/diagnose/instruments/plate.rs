@@ -1,21 +1,16 @@
 //! Plates: lists of hole or ball positions from a CMM, drilled by the machine or measured on it.
 
-use std::path::Path;
-
 use super::{Measurement, Rows, along};
-use crate::input::{self, InputKind};
-use crate::numerals::counted;
 use crate::positioning_data::format_failure;
-use crate::{Failure, table};
+use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_evaluate::PlatePoint;
 use volcomp_formats::hole_plate;
-use volcomp_units::um_from_mm;
 
 const COLUMNS: &str = "t_s setup run repeat moving x_mm y_mm dir_x dir_y u_x u_y u_z deviation_um hole_mm";
 
 /// The list of a CMM with its nine columns.
-pub(super) fn cmm_list(path: &Path) -> Result<Measurement, Failure> {
+pub(super) fn cmm_list(path: &Path) -> Result<Measurement> {
     let text = input::read_text(path, InputKind::Instrument)?;
     let plate = hole_plate::parse(&text).map_err(|e| format_failure(&path.display().to_string(), &e))?;
     let mut rows = Rows::new(path, COLUMNS.split(' '));
@@ -29,7 +24,7 @@ pub(super) fn cmm_list(path: &Path) -> Result<Measurement, Failure> {
 }
 
 /// The table of `volcomp evaluate plate`.
-pub(super) fn table(path: &Path) -> Result<Measurement, Failure> {
+pub(super) fn table(path: &Path) -> Result<Measurement> {
     let mut table = table::open(path)?;
     let nominal = [table.require("nominal_x_mm")?, table.require("nominal_y_mm")?];
     let deviations = table.find("deviation_x_um").is_some();
@@ -57,7 +52,7 @@ pub(super) fn table(path: &Path) -> Result<Measurement, Failure> {
 
 /// How often each position was measured before.
 #[derive(Default)]
-struct Repeats(std::collections::BTreeMap<[i64; 2], u32>);
+struct Repeats(BTreeMap<[i64; 2], u32>);
 
 impl Repeats {
     fn next(&mut self, nominal: [f64; 2]) -> f64 {

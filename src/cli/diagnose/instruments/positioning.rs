@@ -2,25 +2,21 @@
 //! `cycle,direction,target_mm,deviation_um`.
 
 use std::io::Cursor;
-use std::path::Path;
 
 use super::{InstrumentArgs, Measurement, Rotary, Rows, along};
-use crate::Failure;
-use crate::input::{self, InputKind, text_of};
-use crate::numerals::counted;
+use crate::input::text_of;
 use crate::positioning_data::{Test, instrument_test, parse_csv};
+use crate::prelude::*;
 use crate::table::Table;
 use volcomp_diagnose::session::Times;
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_identify::start_up::start_up_outliers;
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{deg_from_rad, um_from_mm};
 
 /// Radius at which the deviations of a rotary axis are given, mm.
 const RADIUS_MM: f64 = 100.0;
 
 /// A file of an instrument.
-pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
     let unit = args.deviation_unit;
@@ -31,14 +27,14 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
 }
 
 /// The table of docs/reference/tables.md 3.
-pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let text = text_of(path, input::read(path, InputKind::Table)?)?;
     let test = parse_csv(Table::new(Cursor::new(text), path.display().to_string())?)?;
     let found = Test::new(test, "positioning test (cycle,direction,target,deviation)");
     session(path, args, found)
 }
 
-fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measurement, Failure> {
+fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measurement> {
     let (axis, notes) = axis_of(path, args, &found)?;
     let Test { test, format, span_s, notes: more, .. } = found;
     let outliers = start_up_outliers(&test.readings);
@@ -104,7 +100,7 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
 }
 
 /// The axis tested: that of --axis, that of the file, else X, with what was assumed.
-fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName, Vec<String>), Failure> {
+fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName, Vec<String>)> {
     let default = if found.test.kind == AxisKind::Linear { AxisName::X } else { AxisName::C };
     let (axis, notes) = match (args.axis, found.axis) {
         (Some(axis), _) | (None, Some(axis)) => (axis, Vec::new()),
@@ -142,7 +138,7 @@ fn clock(test: &PositioningTest, span_s: Option<f64>) -> (Times, Box<dyn Fn(usiz
 
 fn describe(found: &mut Measurement, test: &PositioningTest, axis: AxisName) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
-    let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
+    let cycles: BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let both =
         [Travel::Forward, Travel::Reverse].iter().all(|t| test.readings.iter().any(|r| r.travel == *t));
     let ways = if both { "both directions" } else { "one direction" };

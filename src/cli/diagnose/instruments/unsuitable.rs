@@ -1,8 +1,6 @@
 //! Files that are recognised and hold nothing that a diagnosis can use: each with the reason and a way on.
 
-use std::path::Path;
-
-use crate::{Failure, input};
+use crate::prelude::*;
 use volcomp_formats::detect::Format;
 use volcomp_formats::{b5r, text};
 
@@ -63,18 +61,13 @@ fn ballbar_figures(path: &Path) -> Failure {
         Err(e) => return crate::positioning_data::format_failure(&file.to_string(), &e),
     };
     let plane = test.plane.as_deref().map_or_else(String::new, |p| format!(", plane {p}"));
-    let mut figures: Vec<String> = Vec::new();
-    for f in &test.features {
-        if let Some((_, name)) = NAMES.iter().find(|(n, _)| *n == f.name) {
-            let unit = f
-                .unit
-                .map_or(f.data_type.as_str(), |u| if u == "um" { "µm" } else { u })
-                .replace("um/m", "µm/m");
-            figures.push(format!("\n    {name}: {} {unit}", f.value));
-        }
-    }
-    let listed =
-        if figures.is_empty() { String::new() } else { format!("\n  its figures:{}", figures.concat()) };
+    let figures = test.features.iter().filter_map(|f| {
+        let (_, name) = NAMES.iter().find(|(n, _)| *n == f.name)?;
+        let unit = f.unit.map_or(f.data_type.as_str(), |u| if u == "um" { "µm" } else { u });
+        Some(format!("\n    {name}: {} {}", f.value, unit.replace("um/m", "µm/m")))
+    });
+    let figures = figures.joined("");
+    let listed = if figures.is_empty() { figures } else { format!("\n  its figures:{figures}") };
     data!(
         path,
         "a ballbar report (.b5r){plane} with {} figures of an analysis and without its readings; a diagnosis needs \

@@ -3,18 +3,13 @@
 mod report;
 mod trend;
 
-use std::path::PathBuf;
-
-use serde_json::{Map, Value, json};
-
 use super::circular::{assessed, keys, reading};
 use super::{Output, page};
-use crate::Failure;
-use crate::acceptance::verdicts::Judged;
-use crate::acceptance::{Acceptance, Stated, file_name};
+use crate::acceptance::{Acceptance, Judged, Stated, file_name};
 use crate::evaluate::picture::circular::{self as drawing, Shown};
 use crate::identify::ballbar::report::{as_json, print};
 use crate::identify::ballbar::{Plan, SetUp};
+use crate::prelude::*;
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity};
 use volcomp_formats::columns::day;
 use volcomp_identify::ballbar::Plane;
@@ -26,7 +21,7 @@ use volcomp_identify::ballbar::Plane;
 ///
 /// Example: volcomp evaluate ballbar --data 2026-01-12=january.csv --data 2026-03-12=march.csv --radius-mm 150 --html xy.html
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// CSV with angle_deg,deviation_um,direction and optional feed_mm_per_min, run, as for volcomp identify ballbar; may be
     /// repeated for a trend, then all with their day, such as 2026-03-12=xy.csv, or in the order of the tests.
     #[arg(long, value_name = "[DAY=]CSV", required_unless_present = "file", value_parser = dated)]
@@ -82,7 +77,7 @@ struct Circle {
 }
 
 impl Test {
-    fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self, Failure> {
+    fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self> {
         let plan = Plan::read(&args.setup, args.plane, path, None)?;
         let label = day.as_ref().map_or_else(|| file_name(path), |d| d.text.clone());
         let circles = circles(&plan).map_err(|e| data!(path, "{e}"))?;
@@ -117,7 +112,7 @@ fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::Circu
     feeds.into_iter().map(one).collect()
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
     let single = args.output.file.iter().map(|path| (None, path.clone()));
     let data: Vec<_> = args.data.iter().cloned().chain(single).collect();
@@ -143,12 +138,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     let title = args.output.title("Ballbar test");
     args.output.deliver(
+        &judged,
         || {
             let shown = shown(newest, circle);
             drawing::whole(title, &[("", shown)], drawing::scale([&shown]))
         },
         || report::page(title, &judged, &tests, args.setup.centre_mm.is_some()),
-        || json_of(&tests, &judged),
+        || (json_of(&tests), None),
         || {
             print(&newest.plan);
             page::figures("um", &judged.figures, None).print();
@@ -171,7 +167,7 @@ fn shown<'a>(test: &'a Test, circle: &'a Circle) -> Shown<'a> {
     }
 }
 
-fn json_of(tests: &[Test], judged: &Judged) -> Map<String, Value> {
+fn json_of(tests: &[Test]) -> Map<String, Value> {
     let each = tests.iter().map(|t| {
         let mut one = as_json(&t.plan, None);
         one["test"] = json!(t.label);
@@ -181,7 +177,6 @@ fn json_of(tests: &[Test], judged: &Judged) -> Map<String, Value> {
     if tests.len() > 1 {
         out.insert("trend".to_owned(), trend::Trend::of(tests).json());
     }
-    judged.put(&mut out);
     out
 }
 

@@ -2,18 +2,15 @@
 
 use super::trend::Trend;
 use super::{Test, shown};
-use crate::Failure;
-use crate::acceptance::verdicts::Judged;
+use crate::acceptance::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
 use crate::identify::ballbar::report::{
     Feature, confounded, features, note_text, reason_text, roundness, unit_of, widest, with_limits,
 };
-use crate::numerals::{counted, plain};
-use crate::report::{Page, Table};
+use crate::prelude::*;
 use crate::report_page::{Plot, Style};
 use volcomp_identify::ballbar::{Effect, Estimate, Plane};
-use volcomp_units::um_from_mm;
 
 /// Causes whose course over the tests is drawn.
 const COURSES: usize = 5;
@@ -38,20 +35,11 @@ pub(super) fn named(effect: Effect, plane: Plane) -> (String, &'static str) {
 
 /// A value with its expanded uncertainty and the end of travel where it holds.
 fn value(f: &Feature) -> String {
-    let end = match f.name.as_str() {
-        n if n.ends_with("_POS") => "at the positive end ",
-        n if n.ends_with("_NEG") => "at the negative end ",
-        _ => "",
-    };
+    let end = f.end().map_or_else(String::new, |end| format!("at the {end} "));
     format!("{end}{} {}", with_limits(f.value, f.std), unit_of(f))
 }
 
-pub(super) fn page(
-    title: &str,
-    judged: &Judged,
-    tests: &[Test],
-    is_centre_stated: bool,
-) -> Result<String, Failure> {
+pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_stated: bool) -> Result<String> {
     let Some(newest) = tests.last() else { return Ok(String::new()) };
     let origins: Vec<Origin> = tests.iter().map(|t| Origin::of(&t.label, &t.plan.path)).collect();
     let (plane, circles) = (newest.plan.circles.plane, &newest.circles);
@@ -109,7 +97,7 @@ pub(super) fn page(
 fn causes(page: &mut Page, test: &Test) {
     let (a, plane) = (&test.plan.analysis, test.plan.circles.plane);
     page.sheet("Causes by rank");
-    let values = |e: &Estimate| features(a, e).iter().map(value).collect::<Vec<_>>().join("; ");
+    let values = |e: &Estimate| features(a, e).iter().map(value).joined("; ");
     let significant = || a.estimates.iter().filter(|e| e.significant);
     page.bars(significant().map(|e| {
         let percent = 100.0 * e.share;
@@ -127,9 +115,9 @@ fn causes(page: &mut Page, test: &Test) {
     }
     let name = |effect: Effect| named(effect, plane).0;
     let small = a.estimates.iter().filter(|e| !e.significant);
-    let small: Vec<String> = small.map(|e| format!("{} ({})", name(e.effect), values(e))).collect();
+    let small = small.map(|e| format!("{} ({})", name(e.effect), values(e))).joined(", ");
     if !small.is_empty() {
-        page.note(format_args!("Not significant (99.9 %): {}.", small.join(", ")));
+        page.note(format_args!("Not significant (99.9 %): {small}."));
     }
     let round = roundness(&test.plan);
     if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {

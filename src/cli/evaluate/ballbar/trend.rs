@@ -1,14 +1,10 @@
 //! Circular errors and causes over several ballbar tests, and what changed by more than its uncertainty.
 
-use serde_json::{Value, json};
-
 use super::Test;
 use super::report::named;
 use crate::identify::ballbar::report::{COVERAGE, Feature, decimals_of, features, unit_of};
-use crate::numerals::plain;
-use crate::report::Table;
+use crate::prelude::*;
 use volcomp_identify::ballbar::Effect;
-use volcomp_units::um_from_mm;
 
 /// One quantity over the tests.
 pub(super) struct Course {
@@ -47,16 +43,9 @@ impl Trend {
             values: tests.iter().map(|t| t.slowest().result.g_both.map(|g| (um_from_mm(g), None))).collect(),
         }];
         // every effect that is significant in a test, in the order of the newest
-        let mut effects: Vec<Effect> = Vec::new();
         let all = tests.iter().rev().flat_map(|t| &t.plan.analysis.estimates);
-        for e in all.filter(|e| e.significant) {
-            if !effects.contains(&e.effect) {
-                effects.push(e.effect);
-            }
-        }
-        for effect in effects {
-            courses.extend(courses_of(tests, effect));
-        }
+        let effects = once(all.filter(|e| e.significant), |a, b| a.effect == b.effect);
+        courses.extend(effects.into_iter().flat_map(|e| courses_of(tests, e.effect)));
         // one direction alone has no G(b)
         courses.retain(|c| c.values.iter().any(Option::is_some));
         Self { labels: tests.iter().map(|t| t.label.clone()).collect(), at, axis, courses }
@@ -84,27 +73,28 @@ impl Trend {
     }
 }
 
+/// Items that are not the same as one before them.
+fn once<T>(items: impl Iterator<Item = T>, same: impl Fn(&T, &T) -> bool) -> Vec<T> {
+    items.fold(Vec::new(), |mut known, item| {
+        if !known.iter().any(|k| same(k, &item)) {
+            known.push(item);
+        }
+        known
+    })
+}
+
 /// The values of an effect over the tests, one course for each end of travel.
 fn courses_of(tests: &[Test], effect: Effect) -> Vec<Course> {
     let of = |t: &Test| -> Vec<Feature> {
         t.plan.analysis.estimate(effect).map(|e| features(&t.plan.analysis, e)).unwrap_or_default()
     };
     let all: Vec<Vec<Feature>> = tests.iter().map(of).collect();
-    let mut names: Vec<&Feature> = Vec::new();
-    for f in all.iter().rev().flatten() {
-        if !names.iter().any(|n| n.name == f.name) {
-            names.push(f);
-        }
-    }
+    let names = once(all.iter().rev().flatten(), |a, b| a.name == b.name);
     let plane = tests.first().map(|t| t.plan.circles.plane);
     names
         .iter()
         .map(|n| {
-            let end = match n.name.as_str() {
-                name if name.ends_with("_POS") => " (positive end)",
-                name if name.ends_with("_NEG") => " (negative end)",
-                _ => "",
-            };
+            let end = n.end().map_or_else(String::new, |end| format!(" ({end})"));
             let name = plane.map_or_else(|| n.name.clone(), |p| named(effect, p).0);
             let find =
                 |fs: &Vec<Feature>| fs.iter().find(|f| f.name == n.name).map(|f| (f.value, Some(f.std)));

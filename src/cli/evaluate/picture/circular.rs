@@ -1,14 +1,9 @@
 //! The polar plot of ISO 230-4: radial deviations about the nominal circle, magnified.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
-use crate::report::plot::{
-    Area, BLUE, Drawn, FAINT, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, stacked_tests,
-    tick, words,
-};
+use crate::prelude::*;
 use volcomp_evaluate::{CircularReading, Circularity};
-use volcomp_units::axes::Travel;
-use volcomp_units::um_from_mm;
 
 const HEIGHT: u32 = 516;
 /// Radius of the nominal circle, pixels.

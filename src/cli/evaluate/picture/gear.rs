@@ -1,11 +1,6 @@
 //! Gear diagrams: one panel per direction and flank, the traces of the teeth above each other at one scale.
 
-use plotters::prelude::*;
-
-use crate::report::plot::{
-    Area, Axes, BLUE, Drawn, FONT, INK, SHEET_WIDTH, Svg, VERMILLION, round_below, stacked, stacked_tests,
-    with_room,
-};
+use crate::report::plot::*;
 
 const HEIGHT: u32 = 300;
 

@@ -1,11 +1,7 @@
 //! Vectors of a plate: as measured, and what the fit leaves.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
-use crate::report::plot::{
-    Area, Axes, BLUE, Drawn, GREY, INK, SHEET_WIDTH, Svg, TITLE, VERMILLION, round_below, stacked, with_room,
-    words,
-};
 use volcomp_evaluate::{PlateFit, PlatePoint};
 use volcomp_units::um_from_mm;
 

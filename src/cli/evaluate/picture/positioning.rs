@@ -1,16 +1,11 @@
 //! The plot of ISO 230-2: deviations over the targets, mean and band of two standard deviations of each direction, B and
 //! R where they occur, M, E and A as ranges.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
 use crate::evaluate::headed;
-use crate::numerals::hull;
-use crate::report::plot::{
-    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, stacked,
-    stacked_tests, with_room, words,
-};
+use crate::prelude::*;
 use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
-use volcomp_units::axes::Travel;
 
 pub(in crate::evaluate) const HEIGHT: u32 = 370;
 /// Height of one of two plots that share a sheet.
@@ -76,7 +71,7 @@ pub(in crate::evaluate) fn draw_deviations<'a, 'b>(
     shown: &Shown<'_>,
     y: [f64; 2],
     right: u32,
-) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+) -> Drawn<Chart<'a, 'b>> {
     let targets = &shown.result.targets;
     let axes = Axes {
         title: "",
@@ -202,17 +197,12 @@ fn bracket(area: &Area<'_>, x: i32, from: i32, to: i32) -> Drawn {
 }
 
 fn draw_legend(area: &Area<'_>, result: &Positioning) -> Drawn {
-    let mut keys = Vec::new();
-    if result.forward.is_some() {
-        keys.push(Key::line(BLUE, 3, "forward, mean"));
-    }
-    if result.backward.is_some() {
-        keys.push(Key::line(VERMILLION, 3, "backward, mean"));
-    }
-    keys.push(Key::band(GREY.mix(0.35), "± 2 s"));
-    keys.push(Key::dot(GREY, "reading"));
-    if result.both.is_some() {
-        keys.push(Key::dashed(INK, 1, "mean of both"));
-    }
-    legend(area, &keys, 74, 12)
+    let keys = [
+        result.forward.map(|_| Key::line(BLUE, 3, "forward, mean")),
+        result.backward.map(|_| Key::line(VERMILLION, 3, "backward, mean")),
+        Some(Key::band(GREY.mix(0.35), "± 2 s")),
+        Some(Key::dot(GREY, "reading")),
+        result.both.map(|_| Key::dashed(INK, 1, "mean of both")),
+    ];
+    legend(area, &keys.into_iter().flatten().collect::<Vec<_>>(), 74, 12)
 }

@@ -9,10 +9,10 @@ mod rows;
 mod sensors;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
 
 use crate::files;
-use crate::{Failure, recordings};
+use crate::prelude::*;
+use crate::recordings;
 use rows::{Cell, Column, Rows};
 use sensors::Sensors;
 
@@ -52,12 +52,12 @@ impl RecordingOptions {
 /// Where rows go.
 trait Sink {
     /// The columns; called once, first.
-    fn begin(&mut self, columns: &[Column]) -> Result<(), Failure>;
+    fn begin(&mut self, columns: &[Column]) -> Result<()>;
     /// One row, a cell per column.
-    fn row(&mut self, cells: &[Cell]) -> Result<(), Failure>;
+    fn row(&mut self, cells: &[Cell]) -> Result<()>;
 }
 
-pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOptions) -> Result<(), Failure> {
+pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOptions) -> Result<()> {
     if let (Some(from), Some(to)) = (args.from_s, args.to_s)
         && from > to
     {
@@ -107,7 +107,7 @@ fn convert(
     args: &RecordingOptions,
     parsed: &mut [recordings::Parsed],
     sink: &mut dyn Sink,
-) -> Result<(u64, recordings::Walked), Failure> {
+) -> Result<(u64, recordings::Walked)> {
     let first = recordings::first(parsed)?;
     let name = first.path.display().to_string();
     // the dead band decides what a reversal is; without the machine file every change of sign is one
@@ -123,14 +123,14 @@ fn convert(
             return Ok(());
         }
         if !begun {
-            sink.begin(rows.columns())?;
+            sink.begin(&rows.columns)?;
             begun = true;
         }
-        let t_s = rows.t_s();
+        let t_s = rows.t_s;
         last_s = t_s;
         let wanted = args.from_s.is_none_or(|from| t_s >= from) && args.to_s.is_none_or(|to| t_s <= to);
         if wanted && cycles % args.every.unwrap_or(1) == 0 {
-            sink.row(rows.cells())?;
+            sink.row(&rows.cells)?;
             written += 1;
         }
         cycles += 1;
@@ -154,7 +154,7 @@ fn convert(
 struct Csv(files::Rows);
 
 impl Csv {
-    fn line(&mut self, fields: impl Iterator<Item = impl core::fmt::Display>) -> Result<(), Failure> {
+    fn line(&mut self, fields: impl Iterator<Item = impl core::fmt::Display>) -> Result<()> {
         for (k, field) in fields.enumerate() {
             // writing to memory cannot fail
             let _ = write!(self.0.block, "{}{field}", if k > 0 { "," } else { "" });
@@ -164,11 +164,11 @@ impl Csv {
 }
 
 impl Sink for Csv {
-    fn begin(&mut self, columns: &[Column]) -> Result<(), Failure> {
+    fn begin(&mut self, columns: &[Column]) -> Result<()> {
         self.line(columns.iter().map(|column| &column.name))
     }
 
-    fn row(&mut self, cells: &[Cell]) -> Result<(), Failure> {
+    fn row(&mut self, cells: &[Cell]) -> Result<()> {
         self.line(cells.iter())
     }
 }

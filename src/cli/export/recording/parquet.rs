@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical};
@@ -15,7 +14,7 @@ use parquet::schema::types::Type;
 
 use super::Sink;
 use super::rows::{Cell, Column, Kind};
-use crate::{EX_IOERR, Failure};
+use crate::prelude::*;
 use volcomp_protocol::record::Meta;
 
 /// Rows kept before they are written.
@@ -60,13 +59,13 @@ impl Table {
     }
 
     /// Writes the last rows and what a reader finds them by.
-    pub(super) fn finish(mut self) -> Result<(), Failure> {
+    pub(super) fn finish(mut self) -> Result<()> {
         self.group()?;
         let closed = self.writer.take().map(SerializedFileWriter::close).transpose();
         closed.map(drop).map_err(|e| failure(&self.path, &e))
     }
 
-    fn group(&mut self) -> Result<(), Failure> {
+    fn group(&mut self) -> Result<()> {
         let Some(writer) = self.writer.as_mut().filter(|_| self.rows > 0) else { return Ok(()) };
         write_group(writer, &mut self.columns).map_err(|e| failure(&self.path, &e))?;
         self.rows = 0;
@@ -75,7 +74,7 @@ impl Table {
 }
 
 impl Sink for Table {
-    fn begin(&mut self, columns: &[Column]) -> Result<(), Failure> {
+    fn begin(&mut self, columns: &[Column]) -> Result<()> {
         let Some(file) = self.file.take() else { return Ok(()) };
         let properties = WriterProperties::builder()
             .set_compression(Compression::LZ4_RAW)
@@ -99,7 +98,7 @@ impl Sink for Table {
         Ok(())
     }
 
-    fn row(&mut self, cells: &[Cell]) -> Result<(), Failure> {
+    fn row(&mut self, cells: &[Cell]) -> Result<()> {
         for (column, cell) in self.columns.iter_mut().zip(cells) {
             let present = match (&mut column.values, cell) {
                 (Values::Number(values), Cell::Number(v)) => {

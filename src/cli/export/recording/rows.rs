@@ -1,12 +1,10 @@
 //! Entries to rows: time on one clock, velocities, directions, distances since the last reversal.
 
 use super::sensors::Sensors;
-use crate::quantities::{offset_unit, position_unit};
-use volcomp_config::MachineConfig;
+use crate::prelude::*;
 use volcomp_engine::fault;
 use volcomp_protocol::record::{Change, Cycle, Entry, Item};
 use volcomp_protocol::{ControlHello, MachineState, Tool};
-use volcomp_units::axes::AxisName;
 use volcomp_units::{MonoTime, NS_PER_S};
 
 /// Kind of a column.
@@ -117,12 +115,15 @@ pub(super) struct Rows {
     config: Option<MachineConfig>,
     sensors: Sensors,
     axes: Vec<Axis>,
-    columns: Vec<Column>,
-    cells: Vec<Cell>,
+    /// The columns of the axes known.
+    pub(super) columns: Vec<Column>,
+    /// The last row.
+    pub(super) cells: Vec<Cell>,
     first: Option<MonoTime>,
     anchor: Option<Anchor>,
     last_control_ns: i64,
-    t_s: f64,
+    /// Its time.
+    pub(super) t_s: f64,
     tool: Option<Tool>,
     /// Links seen: each is a mounting of its own for the columns of sessions.
     links: i64,
@@ -133,18 +134,6 @@ impl Rows {
         let mut rows = Self { config, sensors, ..Self::default() };
         rows.columns = rows.names();
         rows
-    }
-
-    pub(super) fn columns(&self) -> &[Column] {
-        &self.columns
-    }
-
-    pub(super) fn cells(&self) -> &[Cell] {
-        &self.cells
-    }
-
-    pub(super) const fn t_s(&self) -> f64 {
-        self.t_s
     }
 
     /// Takes an item; true where it gave a row.

@@ -1,9 +1,8 @@
 //! Columns of live values: one for every sensor that a model of the recording names.
 
+use crate::prelude::*;
 use crate::recordings::Inside;
-use volcomp_model::ErrorFunction;
 use volcomp_protocol::record::LIVE_MAX;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// A sensor, and what it last told.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,11 +52,7 @@ impl Sensors {
     pub(super) fn switch(&mut self, model: Option<[u8; 32]>) {
         let found = model.and_then(|hash| self.models.iter().position(|(known, _)| *known == hash));
         self.present = found.unwrap_or(0);
-        self.forget();
-    }
-
-    /// What was told does not go on.
-    pub(super) fn forget(&mut self) {
+        // what was told does not go on
         self.all.iter_mut().for_each(|sensor| sensor.told = None);
     }
 

@@ -2,17 +2,10 @@
 
 pub(crate) mod report;
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
-use crate::arg_parsers::{above_zero, axis_letter, numbers, point};
-use crate::files::read_model_file;
-use crate::identify::columns;
-use crate::identify::method::{Found, Front, Method};
+use crate::arg_parsers::numbers;
+use crate::identify::{Found, Front, Method, columns};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
-use crate::{EX_DATAERR, Failure, Result};
-use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use crate::prelude::*;
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::circular::CircularReading;
 use volcomp_identify::assemble::mirrored_curve;
@@ -20,10 +13,7 @@ use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
     run_starts, travelled,
 };
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, SENSORS_MAX};
-use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{deg_from_rad, mm_from_um, rad_from_deg};
+use volcomp_model::SENSORS_MAX;
 
 /// Causes of the deviations on ballbar circles, all at once and ranked by what they add to the bidirectional circular error G(b).
 ///
@@ -42,7 +32,7 @@ use volcomp_units::{deg_from_rad, mm_from_um, rad_from_deg};
 ///
 /// Example: volcomp identify ballbar --data xy=xy.csv --data zx=zx.csv --radius-mm 150 --centre-mm=425,250,-250
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Readings of a plane (xy, yz or zx) in one mounting of the instrument; once per plane.
     #[arg(long, value_name = "PLANE=CSV", required_unless_present = "files", value_parser = plane_file)]
     data: Vec<(Plane, PathBuf)>,
@@ -281,7 +271,7 @@ fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let mut table = columns::open(path)?;
     let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    table.only(|_| format!("columns are {}", table.known().join(", ")))?;
+    table.only(|_| format!("columns are {}", table.known.join(", ")))?;
     let (lines, samples): (Vec<u64>, Vec<Sample>) = table
         .rows(|row| {
             let feed = feed.map(|c| row.value(c)).transpose()?.or(args.feed_mm_per_min);

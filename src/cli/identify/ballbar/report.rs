@@ -1,16 +1,11 @@
 //! What `volcomp identify ballbar` says: JSON with the names and units of ballbar result files, a table for people.
 
-use serde_json::{Value, json};
-
 use super::Plan;
-use crate::numerals::{counted, micro, plain, small};
-use crate::report::Table;
-use crate::units::or_dash;
+use crate::prelude::*;
 use volcomp_evaluate::{Centring, CircularReading, Circularity};
 use volcomp_identify::ballbar::{
     Analysis, Effect, End, Estimate, Harmonic, LengthChange, Note, Plane, Reason, Sample,
 };
-use volcomp_units::{deg_from_rad, mm_from_um, um_from_mm};
 
 /// A feature in the vocabulary of ballbar result files.
 pub(crate) struct Feature {
@@ -18,6 +13,14 @@ pub(crate) struct Feature {
     pub(crate) unit: &'static str,
     pub(crate) value: f64,
     pub(crate) std: f64,
+}
+
+impl Feature {
+    /// The end of travel where it holds; none of what holds everywhere.
+    pub(crate) fn end(&self) -> Option<&'static str> {
+        let ends = [("_POS", "positive end"), ("_NEG", "negative end")];
+        ends.into_iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, end)| end)
+    }
 }
 
 /// Circularity by ISO 230-4 of the readings and of what no effect explains.
@@ -144,8 +147,8 @@ pub(crate) fn reason_text(reason: &Reason, plane: Plane) -> String {
             "looks like the circle's centre and radius in these data".into()
         }
         Reason::LooksLike(others) => {
-            let names: Vec<String> = others.iter().map(|e| e.name(plane)).collect();
-            format!("confounded with {} in these data", names.join(" and "))
+            let names = others.iter().map(|e| e.name(plane)).joined(" and ");
+            format!("confounded with {names} in these data")
         }
         Reason::NoReversal => {
             "shows at reversals that the path does not have, or between the readings".into()
@@ -233,11 +236,11 @@ pub(crate) fn print(plan: &Plan) {
     let [x, y] = a.offset.map(|(v, std)| with_limits(um(v), um(std)));
     say!("centre offset {x} and {y} µm; residual {:.3} µm RMS", um(a.sigma));
     let rows = a.estimates.iter().enumerate().map(|(i, e)| {
-        let values: Vec<String> = features(a, e).iter().map(value_text).collect();
+        let values = features(a, e).iter().map(value_text).joined(", ");
         let adds = with_limits(um(e.contribution), um(e.contribution_std));
         let mark = if e.significant { "" } else { "not significant" };
         let share = format!("{:.1} %", 100.0 * e.share);
-        [(i + 1).to_string(), name(e.effect), adds, share, values.join(", "), mark.to_owned()]
+        [(i + 1).to_string(), name(e.effect), adds, share, values, mark.to_owned()]
     });
     Table::new([">rank", "effect", ">adds / µm", ">share", "value", ""]).rows(rows).print();
     say!("± expanded uncertainty, k = 2; share: of what all effects add to the circle");
@@ -251,10 +254,9 @@ pub(crate) fn print(plan: &Plan) {
         note!("note: {}", note_text(n));
     }
     let loud = a.harmonics.iter().filter(|h| h.residual > a.sigma);
-    let loud: Vec<String> =
-        loud.map(|h| format!("{} waves per turn: {:.2} um", h.order, um(h.residual))).collect();
+    let loud = loud.map(|h| format!("{} waves per turn: {:.2} um", h.order, um(h.residual))).joined(", ");
     if !loud.is_empty() {
-        note!("note: not explained by any effect: {}", loud.join(", "));
+        note!("note: not explained by any effect: {loud}");
     }
     say!();
 }
@@ -294,12 +296,6 @@ pub(crate) fn unit_of(f: &Feature) -> String {
 
 /// A value with its expanded uncertainty, its unit and the end of travel where it holds.
 fn value_text(f: &Feature) -> String {
-    let end = if f.name.ends_with("_POS") {
-        "positive end "
-    } else if f.name.ends_with("_NEG") {
-        "negative end "
-    } else {
-        ""
-    };
+    let end = f.end().map_or_else(String::new, |end| format!("{end} "));
     format!("{end}{} {}", with_limits(f.value, f.std), unit_of(f))
 }

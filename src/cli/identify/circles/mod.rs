@@ -2,22 +2,12 @@
 
 mod out;
 
-use std::path::{Path, PathBuf};
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile};
-use super::columns;
-use super::method::{Found, Front, Method, printed};
-use super::tracker_points::{Frame, PointColumns, TrackerArgs};
-use crate::Result;
-use crate::arg_parsers::{not_negative, point};
+use super::{CaseArgs, CaseFile, Found, Frame, Front, Method, PointColumns, TrackerArgs, columns, printed};
 use crate::model_writer::{ModelWriter, data_error};
+use crate::prelude::*;
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_units::{arcsec_from_rad, mm_from_um, um_from_mm};
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.
 ///
@@ -25,7 +15,7 @@ use volcomp_units::{arcsec_from_rad, mm_from_um, um_from_mm};
 /// closer to the tip. The line through both centres is the tool axis.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// The points: CSV with circle (1 farther from the tip, 2 nearer) and x_mm, y_mm, z_mm (or range, azimuth,

@@ -1,17 +1,10 @@
 //! What becomes of a tool axis: a pose for the ram, or the location of the spindle.
 
-use std::path::{Path, PathBuf};
-
 use super::Args;
-use crate::Result;
 use crate::files::continue_text;
-use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, axis_entry, default_chain, put};
+use crate::prelude::*;
 use volcomp_identify::circles::ToolAxis;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// The header of a file of poses.
 pub(in crate::identify) const POSES: &str =

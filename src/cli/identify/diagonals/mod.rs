@@ -2,36 +2,22 @@
 
 mod vector;
 
-use std::path::{Path, PathBuf};
-
 use serde::Serialize;
-use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile};
-use super::method::{Found, Front, Method};
-use crate::arg_parsers::{above_zero, point};
-use crate::files::read_model;
+use crate::identify::{CaseArgs, CaseFile, Found, Front, Method};
 use crate::model_writer::{ModelWriter, Sources, default_chain, put};
-use crate::numerals::small;
 use crate::positioning_data::TestColumns;
-use crate::units::{key, or_dash};
-use crate::{Failure, Result, table};
-use volcomp_config::model::Provenance;
-use volcomp_identify::Reading;
+use crate::prelude::*;
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
 use volcomp_identify::diagonals::{
     DiagonalsError, MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
 };
-use volcomp_model::geometry::Vec3;
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper, student_95};
-use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
+use volcomp_model::statistics::{chi_square_upper, f_upper, student_95};
 
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings along the diagonals; - is stdin.
@@ -132,9 +118,7 @@ impl Steps {
 
 impl<'a> Outcome<'a> {
     fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
-        let Some(size) = args.box_mm else {
-            return Err(usage!("--box-mm is missing; give the sides of the box"));
-        };
+        let size = args.box_mm.ok_or_else(|| usage!("--box-mm is missing; give the sides of the box"))?;
         let model_path = args.model.as_ref().or(args.out.into.as_ref());
         let spec = match model_path {
             Some(p) => read_model(p)?.0,
@@ -267,7 +251,7 @@ fn refusal(path: &Path, missing: &[MissingAngle], has_model: bool) -> Failure {
 }
 
 fn names_of(missing: &[MissingAngle]) -> String {
-    missing.iter().map(|m| m.symbol.to_string()).collect::<Vec<_>>().join(" ")
+    missing.iter().map(|m| m.symbol.to_string()).joined(" ")
 }
 
 /// The intermediate steps about the model with the squareness found and a common scale.
@@ -280,9 +264,8 @@ fn steps_residual(
     directions: &[Travel],
 ) -> Result<Option<Steps>, DiagonalsError> {
     let mut spec = model.clone();
-    for (symbol, value) in SQUARENESS.into_iter().zip(o.found.value) {
-        spec.errors.push((symbol, ErrorFunction::single(Curve::Constant(value))));
-    }
+    let squareness = SQUARENESS.into_iter().zip(o.found.value);
+    spec.errors.extend(squareness.map(|(s, v)| (s, ErrorFunction::single(Curve::Constant(v)))));
     let length = o.setup.length();
     let (mut sum, mut n) = (0.0, 0usize);
     let (mut from_noise, mut from_model) = (0.0, 0.0);

@@ -1,19 +1,10 @@
 //! A case of the reference vectors: displacements in mm, the axis errors at the ends of the box, squareness in rad.
 
-use std::collections::BTreeMap;
-
-use serde_json::{Value, json};
-
 use super::{Args, by_name};
-use crate::Result;
-use crate::identify::case::CaseFile;
-use crate::identify::method::{Found, printed};
+use crate::identify::{CaseFile, Found, printed};
+use crate::prelude::*;
 use volcomp_identify::diagonals::{DiagonalsError, SQUARENESS, Setup};
 use volcomp_model::curve::{Interpolation, Table};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, mm_from_um};
 
 #[derive(serde::Deserialize)]
 struct Case {

@@ -3,16 +3,12 @@
 //!
 //! Source: paper 002, 3.1 (standard deviations of the five errors over runs); equations 4.2, (4).
 
-use std::collections::BTreeMap;
-
 use serde::{Serialize, Serializer};
 
 use super::Run;
-use crate::units::{Units, key};
+use crate::prelude::*;
 use volcomp_identify::fivedof::align::align;
 use volcomp_identify::fivedof::{FiveDof, Head, to_machine};
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::{AxisName, Travel};
 
 /// Largest and mean standard deviation over the positions.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -1,12 +1,9 @@
 //! The instrument as a file, `volcomp-fivedof/1` (TOML): optics as built, signs and gains as calibrated.
 
-use std::path::Path;
-
-use crate::Result;
-use crate::input::{self, InputKind};
+use crate::files::from_toml;
+use crate::prelude::*;
 use volcomp_identify::fivedof::resting::{Calibration, Estimate};
 use volcomp_identify::fivedof::{Channels, Detector, Head};
-use volcomp_units::{mm_from_um, um_from_mm};
 
 /// The `format` of an instrument file.
 const FORMAT: &str = "volcomp-fivedof/1";
@@ -74,12 +71,11 @@ pub(super) struct HeadFile {
 
 impl HeadFile {
     pub(super) fn read(path: &Path) -> Result<Self> {
-        let text = input::read_text(path, InputKind::Description)?;
-        Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
+        Self::parse(path, &input::read_text(path, InputKind::Description)?)
     }
 
     fn parse(path: &Path, text: &str) -> Result<Self> {
-        let wire: FileWire = toml::from_str(text).map_err(|e| mistake!(path, "{e}"))?;
+        let wire: FileWire = from_toml(path, text)?;
         if wire.format != FORMAT {
             return Err(mistake!(path, "format is \"{}\", expected \"{FORMAT}\"", wire.format));
         }

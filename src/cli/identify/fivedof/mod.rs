@@ -4,33 +4,20 @@ mod drift_check;
 mod head_file;
 mod resting;
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
 use self::drift_check::DriftCheck;
 use self::head_file::HeadFile;
-use super::case::{CaseArgs, CaseFile};
-use super::columns::{self, Column, Columns};
-use super::method::{Found, Front, Method, printed};
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
-use crate::arg_parsers::linear_axis;
-use crate::numerals::hull;
-use crate::units::{Units, column, key, or_dash};
-use crate::{Failure, Result};
-use volcomp_identify::Reading;
+use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
+use crate::prelude::*;
+use crate::units::column;
 use volcomp_identify::fivedof::align::{Aligned, Level, align};
 use volcomp_identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
 use volcomp_identify::straightness::{Line, Rule};
-use volcomp_model::Component;
-use volcomp_units::axes::AxisName;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Straightness, roll, pitch and yaw of one axis from a 5-DOF laser with drift compensation.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings along the axis; - is stdin.

@@ -1,19 +1,12 @@
 //! The calibration of a 5-DOF laser from a log of the resting carriage.
 
-use std::path::Path;
-
-use serde_json::{Value, json};
-
 use super::head_file::HeadFile;
 use super::{Args, channel_columns, read_channels, see_help};
 use crate::files::continue_text;
 use crate::identify::columns;
-use crate::input::{self, InputKind};
-use crate::{Failure, Result};
+use crate::prelude::*;
 use volcomp_identify::fivedof::resting::{Calibration, Estimate, RestingReading, calibrate};
 use volcomp_identify::fivedof::{Detector, lateral};
-use volcomp_units::arcsec_from_rad;
-use volcomp_units::axes::AxisName;
 
 /// Calibrates the head of the file with a log, and writes it where wanted.
 pub(super) fn calibrated(

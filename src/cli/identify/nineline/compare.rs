@@ -1,13 +1,8 @@
 //! Two methods on the same axis: differences of the error motions at the same positions.
 
-use std::path::Path;
-
-use crate::Result;
 use crate::identify::motion_curves::read_motions;
-use crate::units::{Units, or_dash};
+use crate::prelude::*;
 use volcomp_identify::motion::{Gauged, means, symbols};
-use volcomp_model::Component;
-use volcomp_units::axes::AxisName;
 
 /// Differences over the positions that both have, own minus other, about their mean; mm and rad.
 #[derive(serde::Serialize)]

@@ -2,30 +2,18 @@
 
 mod compare;
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
 use self::compare::Comparison;
-use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::columns::{self, Stops};
-use super::method::{Found, Front, Method, printed};
-use super::motion_curves::{CurveArgs, Motions, Origin, Report};
-use crate::Result;
-use crate::arg_parsers::{above_zero, linear_axis, point};
+use super::case::{refused, rows};
+use super::motion_curves::{Origin, Report};
+use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
 use crate::model_writer::{data_error, default_chain};
-use crate::units::Units;
-use volcomp_identify::Reading;
+use crate::prelude::*;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_identify::twist::moved;
-use volcomp_model::Component;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::axes::AxisName;
-use volcomp_units::mm_from_um;
+use volcomp_model::statistics::chi_square_upper;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
 ///
@@ -33,7 +21,7 @@ use volcomp_units::mm_from_um;
 /// lines, one straightness on two of them, the other on one. More lines and readings are welcome: then the fit is tested.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings; once per file, as one line is usually measured after the other.
@@ -97,14 +85,11 @@ impl Case {
 fn json_of(found: &NineLine, stated: bool) -> Value {
     // without a stated noise this is the covariance for readings of unit variance
     let covariance = if stated { "cov" } else { "cofactor" };
-    json!({
-        "E": found.motion.as_slice(),
-        "condition_scaled": found.condition_scaled,
-        "rank": 6,
-        "dof": found.dof,
-        "chi2": found.chi2,
-        covariance: rows(|at| found.covariance[at]),
-    })
+    let mut json = fields!(found; condition_scaled, dof, chi2);
+    json["E"] = json!(found.motion.as_slice());
+    json["rank"] = json!(6);
+    json[covariance] = json!(rows(|at| found.covariance[at]));
+    json
 }
 
 fn print(found: &NineLine) {

@@ -1,27 +1,14 @@
 //! `volcomp identify ram`: tool poses at several positions of the head to the errors of the ram.
 
-use std::path::{Path, PathBuf};
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::columns::{self, Stops};
-use super::method::{Found, Front, Method, printed};
-use super::motion_curves::{CurveArgs, Motions, Origin, Report};
-use crate::Result;
-use crate::arg_parsers::{above_zero, linear_axis, point};
-use crate::files::read_model;
+use super::case::{refused, rows};
+use super::motion_curves::{Origin, Report};
+use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
 use crate::model_writer::{data_error, default_chain};
-use crate::units::Units;
-use volcomp_identify::Reading;
+use crate::prelude::*;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_model::{Component, Model, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
 ///
@@ -29,7 +16,7 @@ use volcomp_units::{mm_from_um, rad_from_arcsec};
 /// example by two circles. The head's own errors are taken off by a model of the head.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// The poses; once per file.
@@ -320,15 +307,11 @@ impl PriorSource {
 }
 
 fn json_of(fit: &RamFit) -> Value {
-    json!({
-        "rank": fit.rank,
-        "E_lsq": fit.motion.as_slice(),
-        "sigma": Component::ALL.map(|c| std(fit, c)),
-        "cov": rows(|at| fit.covariance[at]),
-        "chi2": fit.chi2,
-        "dof": fit.dof,
-        "p_value": fit.p_value,
-    })
+    let mut json = fields!(fit; rank, chi2, dof, p_value);
+    json["E_lsq"] = json!(fit.motion.as_slice());
+    json["sigma"] = json!(Component::ALL.map(|c| std(fit, c)));
+    json["cov"] = json!(rows(|at| fit.covariance[at]));
+    json
 }
 
 fn std(fit: &RamFit, component: Component) -> f64 {

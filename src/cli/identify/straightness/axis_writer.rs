@@ -1,25 +1,17 @@
 //! Readings of one axis into a model file: sense, reference points, reference line, curves. Used by every method that
 //! measures the error motions of one axis along a run.
 
-use std::path::PathBuf;
-
-use crate::Result;
-use crate::arg_parsers::{one_of, point};
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::Fitted;
-use crate::identify::curve_fits::CurveFits;
+use crate::identify::CurveFits;
 use crate::model_writer::{ModelWriter, axis_entry, default_chain};
-use crate::units::Units;
-use volcomp_config::model::Provenance;
-use volcomp_identify::Reading;
+use crate::prelude::*;
 use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::reading::group_by_position;
 use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
 use volcomp_identify::straightness::{Line, Rule};
-use volcomp_model::geometry::Vec3;
+use volcomp_model::ReferencePoint;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{Component, ErrorSymbol, ModelSpec, ReferencePoint, Sense};
-use volcomp_units::axes::{AxisName, Travel};
 
 /// How a run becomes curves of a model.
 #[derive(Debug, clap::Args)]

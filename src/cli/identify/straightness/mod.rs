@@ -3,32 +3,19 @@
 pub(super) mod axis_writer;
 mod sign_file;
 
-use std::path::{Path, PathBuf};
-
-use serde_json::{Value, json};
-
 use self::axis_writer::{AxisWriter, Measured, Origin, means};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
-use super::case::{CaseArgs, CaseFile};
-use super::columns::{self, Column, Columns, RunColumns};
-use super::method::{Found, Front, Method, printed};
-use crate::arg_parsers::{linear_axis, point};
+use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, RunColumns, columns, printed};
 use crate::files::continue_text;
-use crate::numerals::hull;
-use crate::units::{Units, column, key};
-use crate::{EX_CONFIG, Failure, Result};
-use volcomp_identify::Reading;
+use crate::prelude::*;
+use crate::units::column;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
 use volcomp_identify::straightness::{Line, Rule, levers};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Straightness and angles of one axis from a 6D interferometer, about three reference lines.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Readings along the axis; - is stdin.
@@ -92,9 +79,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>> {
         let tilts = self.tilt_test.as_deref().map(read_tilt_test).transpose()?;
-        let Some(axis) = self.axis else {
-            return Err(usage!("--axis is missing; say which axis moved"));
-        };
+        let axis = self.axis.ok_or_else(|| usage!("--axis is missing; say which axis moved"))?;
         let mut signs = self.signs.as_deref().map(SignFile::read).transpose()?;
         if let Some(found) = &tilts {
             let file = signs.get_or_insert_with(SignFile::default);
@@ -246,17 +231,16 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
         return Ok(set_up.table);
     }
     if !set_up.table.is_right_handed() {
-        let wrong: Vec<&str> = Channel::ALL[3..]
+        let wrong = Channel::ALL[3..]
             .iter()
             .zip(set_up.table.parity())
             .filter(|(_, p)| *p == Some(false))
             .map(|(c, _)| c.name())
-            .collect();
+            .joined(", ");
         return Err(mistake!(
             path,
-            "[{}] is not a rotation of axes: {} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
-            axis.lower(),
-            wrong.join(", ")
+            "[{}] is not a rotation of axes: {wrong} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
+            axis.lower()
         ));
     }
     note!(

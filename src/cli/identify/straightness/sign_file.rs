@@ -1,14 +1,11 @@
 //! The sign table of a 6D instrument, `volcomp-6d/1` (TOML), and its tilt test (CSV).
 
-use std::path::Path;
-
-use crate::identify::columns::{self, Column, Columns};
-use crate::input::{self, InputKind};
-use crate::{Failure, Result};
+use crate::files::from_toml;
+use crate::identify::{Column, Columns, columns};
+use crate::prelude::*;
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
-use volcomp_units::axes::AxisName;
 
 /// The `format` of a sign table.
 const FORMAT: &str = "volcomp-6d/1";
@@ -57,26 +54,18 @@ pub(super) struct SignFile {
 impl SignFile {
     /// Reads and checks a file; every set-up must be a proper mapping and all must have the parity of one instrument.
     pub(super) fn read(path: &Path) -> Result<Self> {
-        let text = input::read_text(path, InputKind::Description)?;
-        Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
+        Self::parse(path, &input::read_text(path, InputKind::Description)?)
     }
 
     fn parse(path: &Path, text: &str) -> Result<Self> {
-        let wire: FileWire = toml::from_str(text).map_err(|e| mistake!(path, "{e}"))?;
+        let wire: FileWire = from_toml(path, text)?;
         if wire.format != FORMAT {
-            let what = format!("format is \"{}\", expected \"{FORMAT}\"", wire.format);
-            return Err(mistake!(path, "{what}"));
+            return Err(mistake!(path, "format is \"{}\", expected \"{FORMAT}\"", wire.format));
         }
         let mut file = Self { instrument: wire.instrument, set_ups: Vec::new() };
-        let set_ups = [
-            (AxisName::X, wire.x),
-            (AxisName::Y, wire.y),
-            (AxisName::Z, wire.z),
-            (AxisName::U, wire.u),
-            (AxisName::V, wire.v),
-            (AxisName::W, wire.w),
-        ];
-        for (axis, set_up) in set_ups {
+        // in the order of all axes, of which the linear ones come first
+        let set_ups = [wire.x, wire.y, wire.z, wire.u, wire.v, wire.w];
+        for (axis, set_up) in AxisName::ALL.into_iter().zip(set_ups) {
             let Some(s) = set_up else { continue };
             let section = axis.lower();
             let mut channels = [None; 6];
@@ -108,13 +97,13 @@ impl SignFile {
                 let Some(parity) = s.table.parity()[i] else { continue };
                 match known {
                     Some((axis, p)) if p != parity => {
-                        let what = format_args!(
+                        return Err(mistake!(
+                            path,
                             "[{}] and [{}] disagree on {}: it is right-handed in one and left-handed in the other, which no turning of an instrument does; one sign of the two is wrong, a tilt test tells which",
                             axis.lower(),
                             s.axis.lower(),
                             Channel::ALL[i + 3].name()
-                        );
-                        return Err(mistake!(path, "{what}"));
+                        ));
                     }
                     _ => known = Some((s.axis, parity)),
                 }
@@ -196,7 +185,7 @@ pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6]> {
     let applied = ["x_um", "y_um", "z_um", "a_arcsec", "b_arcsec", "c_arcsec"];
     let applied = ChannelColumns(applied.map(|name| table.find(&format!("applied_e{name}"))));
     let channels = ChannelColumns::find(&mut table);
-    table.only(|_| format!("columns are {}", table.known().join(", ")))?;
+    table.only(|_| format!("columns are {}", table.known.join(", ")))?;
     let read = |row: &Columns| Ok(TiltReading { applied: applied.read(row)?, channels: channels.read(row)? });
     tilt_test(&table.rows(read)?, channels.has()).map_err(|e| Failure::data(path, e))
 }

@@ -4,27 +4,19 @@ mod plan;
 mod read;
 mod report;
 
-use std::path::PathBuf;
-
 use serde::Deserialize;
-use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile, refused, rows};
-use super::method::{Found, Front, Method, printed};
-use super::motion_curves::{CurveArgs, Origin};
-use super::tracker_points::{Frame, TrackerArgs};
-use crate::Result;
-use crate::arg_parsers::{linear_axis, point};
+use super::case::{refused, rows};
+use super::motion_curves::Origin;
+use crate::identify::{CaseArgs, CaseFile, CurveArgs, Found, Frame, Front, Method, TrackerArgs, printed};
 use crate::model_writer::{data_error, default_chain};
-use crate::units::Units;
+use crate::prelude::*;
 use volcomp_identify::motion::{MotionRow, to_relative};
 use volcomp_identify::threepoint::{
     Geometry, Observation, PoseErrors, Seen, Series, ThreePointError, TrackerNoise, geometry, sides, solve,
     solve_series,
 };
-use volcomp_model::Component;
-use volcomp_model::geometry::{Mat3, Vec3};
-use volcomp_units::axes::AxisName;
+use volcomp_model::geometry::Mat3;
 
 /// Six error motions of a linear axis from three or more points on its carriage, seen by a laser tracker.
 ///
@@ -32,7 +24,7 @@ use volcomp_units::axes::AxisName;
 /// point. The points move like a rigid body: from three that are not on a line follow displacement and rotation.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = include_str!("help.txt"))]
-pub(super) struct Args {
+pub(crate) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// The measured positions; once per file. - is stdin.
@@ -172,7 +164,7 @@ impl Method for Args {
         let series = Series { axis, workpiece_side, origin: self.origin_mm, reference };
         let mut fit = solve_series(&shots, &series).map_err(|e| data_error(data, e))?;
         follows_the_axis(data, &series, &fit.rows)?;
-        report::scale_by_misfit(&mut fit, frame.noise_is_stated());
+        report::scale_by_misfit(&mut fit, frame.noise_is_stated);
         if workpiece_side {
             to_relative(&mut fit.rows);
         }
@@ -235,14 +227,9 @@ fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>> {
 
 fn of_geometry(g: &Geometry) -> Value {
     // infinite numbers become null
-    json!({
-        "rank": g.rank,
-        "rms_radius": g.rms_radius,
-        "singular_values_scaled": g.singular_values,
-        "condition_scaled": g.condition_scaled,
-        "condition_centroid": g.condition_centroid,
-        "roll_growth": g.roll_growth,
-    })
+    let mut json = fields!(g; rank, rms_radius, condition_scaled, condition_centroid, roll_growth);
+    json["singular_values_scaled"] = json!(g.singular_values);
+    json
 }
 
 fn json_of(pose: &PoseErrors) -> Value {

@@ -1,16 +1,11 @@
 //! `volcomp identify threepoint --plan`: points and runs for a wanted uncertainty.
 
-use serde_json::{Value, json};
-
 use super::{Args, read};
-use crate::arg_parsers::{above_zero, not_negative, numbers};
-use crate::identify::method::{Found, printed};
+use crate::arg_parsers::numbers;
+use crate::identify::{Found, printed};
 use crate::model_writer::default_chain;
-use crate::units::or_dash;
-use crate::{Failure, Result};
+use crate::prelude::*;
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
-use volcomp_model::geometry::Vec3;
-use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
 
 /// The three angular error motions.
 const ANGLES: [&str; 3] = ["ea", "eb", "ec"];
@@ -58,7 +53,7 @@ fn confidence(text: &str) -> Result<f64, String> {
 pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>> {
     let p = &args.plan;
     let (Some(points), Some(axis), Some([low, high]), Some(station), Some(target)) =
-        (&args.points, args.axis, p.travel_mm, args.tracker.station(), p.target_arcsec)
+        (&args.points, args.axis, p.travel_mm, args.tracker.tracker_mm, p.target_arcsec)
     else {
         return Err(usage!("--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec"));
     };
@@ -149,7 +144,7 @@ fn print(plan: &Plan, request: &PlanRequest, names: &[String], asked: &PlanArgs)
     );
     let wanted =
         angles.iter().zip(request.wanted).filter(|(_, wanted)| *wanted).map(|(name, _)| name.as_str());
-    let wanted = wanted.collect::<Vec<_>>().join(" ");
+    let wanted = wanted.joined(" ");
     match plan.best.map(|i| &plan.rows[i]) {
         Some(row) => {
             let (runs, n) = (runs(row, &request.wanted).unwrap_or(1), row.chosen.len());

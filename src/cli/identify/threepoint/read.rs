@@ -1,12 +1,8 @@
 //! The files of the n-point method.
 
-use std::path::Path;
-
-use crate::Result;
-use crate::identify::columns;
-use crate::identify::tracker_points::{Frame, PointColumns, TrackerArgs};
+use crate::identify::{Frame, PointColumns, TrackerArgs, columns};
+use crate::prelude::*;
 use volcomp_identify::threepoint::{Seen, Shot};
-use volcomp_model::geometry::Vec3;
 
 /// Endings of the columns of a point.
 const ENDINGS: [&str; 6] = ["_x_mm", "_y_mm", "_z_mm", "_range_mm", "_azimuth_deg", "_elevation_deg"];
@@ -67,7 +63,7 @@ pub(super) fn shots(
 pub(super) fn poses(path: &Path, frame: &Frame, names: &mut Vec<String>) -> Result<Vec<Vec<Option<Vec3>>>> {
     let mut table = columns::open(path)?;
     let mut columns: Vec<(usize, PointColumns)> = Vec::new();
-    for column in table.table.columns().to_vec() {
+    for column in table.columns().to_vec() {
         let Some(name) = column.strip_suffix("_x_mm").or_else(|| column.strip_suffix("_range_mm")) else {
             continue;
         };

@@ -1,13 +1,10 @@
 //! What the n-point method says about an axis.
 
-use serde_json::{Value, json};
-
 use super::of_geometry;
-use crate::identify::motion_curves::{Motions, Report};
-use crate::identify::tracker_points::{Frame, Registered};
+use crate::identify::motion_curves::Report;
+use crate::identify::{Frame, Motions, Registered};
+use crate::prelude::*;
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
-use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Everything there is to say beside the motions.
 pub(super) struct Threepoint {
@@ -29,7 +26,7 @@ pub(super) fn scale_by_misfit(fit: &mut SeriesFit, noise_is_stated: bool) {
 impl Threepoint {
     /// Probability of the residuals, where noise was stated to compare them with.
     fn p_value(&self) -> Option<f64> {
-        (self.frame.noise_is_stated() && self.fit.dof > 0).then_some(self.fit.p_value)
+        (self.frame.noise_is_stated && self.fit.dof > 0).then_some(self.fit.p_value)
     }
 
     fn suspect(&self) -> Option<(&str, f64)> {
@@ -186,15 +183,10 @@ pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
 /// Distances for machines, mm.
 pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value {
     let side = |s: &Side| {
-        json!({
-            "from": names[s.from],
-            "to": names[s.to],
-            "poses": s.poses,
-            "mean": s.mean,
-            "std": s.std,
-            "std_sample": s.std_sample,
-            "peak_to_peak": s.peak_to_peak,
-        })
+        let mut side = fields!(s; poses, mean, std, std_sample, peak_to_peak);
+        side["from"] = json!(names[s.from]);
+        side["to"] = json!(names[s.to]);
+        side
     };
     json!({
         "poses": poses,

@@ -1,26 +1,18 @@
 //! What is put together: model files and tables of motions, each with its hash.
 
-use std::path::{Path, PathBuf};
-
 use super::Args;
-use crate::Failure;
 use crate::acceptance::file_name;
 use crate::fit::input::{BySymbol, Direction, Format, read};
-use crate::input::{self, InputKind};
-use volcomp_config as config;
-use volcomp_config::{Provenance, SourceEntry};
+use crate::prelude::*;
 use volcomp_identify::assemble::Source;
 use volcomp_identify::curve::{self, Request};
-use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
 
 /// One input.
 pub(super) struct Loaded {
     pub(super) source: Source,
     path: PathBuf,
-    hash: String,
+    pub(super) hash: String,
     pub(super) is_table: bool,
     /// What the file says about itself.
     pub(super) file: Provenance,
@@ -49,10 +41,6 @@ impl Loaded {
             .flat_map(|p| core::iter::once(&p.source_hash).chain(p.sources.iter().map(|s| &s.source_hash)));
         hashes.filter(|h| h.is_some()).map(Option::as_deref)
     }
-
-    pub(super) fn hash(&self) -> &str {
-        &self.hash
-    }
 }
 
 /// `z=z-axis.csv`.
@@ -79,7 +67,7 @@ pub(super) fn place(text: &str) -> Result<(PathBuf, [f64; 3]), String> {
 }
 
 /// Reads all inputs.
-pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
+pub(super) fn load(args: &Args) -> Result<Vec<Loaded>> {
     if args.models.is_empty() && args.motion.is_empty() {
         return Err(Failure::usage("nothing to assemble; give model files, or --motion AXIS=FILE"));
     }
@@ -141,10 +129,8 @@ fn note_common_data(list: &[Loaded]) {
     }
 }
 
-fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
-    let text = input::read_text(path, InputKind::Model)?;
-    let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
-    let file = config::model::parse_file(&path.display().to_string(), &text)?;
+fn model(path: &Path, absolute: bool) -> Result<Loaded> {
+    let (file, hash) = read_hashed_model_file(path)?;
     Ok(Loaded {
         source: Source { name: file_name(path), spec: file.spec, absolute },
         path: path.to_owned(),
@@ -156,7 +142,7 @@ fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
 }
 
 /// A table of motions, fitted as `volcomp fit` does by default, on the axis of the base.
-fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) -> Result<Loaded, Failure> {
+fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) -> Result<Loaded> {
     let Some(hash) = input::hash(path, InputKind::Table) else {
         // opening it says what is wrong with it, where something is
         input::open(path, InputKind::Table)?;

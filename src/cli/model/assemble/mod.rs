@@ -3,18 +3,10 @@
 mod input;
 mod text_report;
 
-use std::path::PathBuf;
-
 use input::Loaded;
 
-use crate::files::write_model;
-use crate::{EX_DATAERR, Failure};
-use volcomp_config as config;
-use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use crate::prelude::*;
 use volcomp_identify::assemble::{Assembled, Options, assemble};
-use volcomp_model::{AxisSpec, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::AxisName;
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Put several measurements together: one model, one datum and reference-line convention, overlaps tested, sources kept
 ///
@@ -26,7 +18,7 @@ use volcomp_units::{mm_from_um, rad_from_arcsec};
 ///
 ///   volcomp model assemble x-laser.toml y-laser.toml square.toml --motion z=z-axis.csv --out machine.toml
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {
+pub(crate) struct Args {
     /// Model files (volcomp-model/1) to put together; the first says chain, frame and axes
     #[arg(value_name = "MODEL")]
     models: Vec<PathBuf>,
@@ -68,14 +60,14 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<()> {
     let loaded = input::load(args)?;
     let options = options(args, &loaded)?;
     let sources: Vec<_> = loaded.iter().map(|l| l.source.clone()).collect();
     let done = assemble(&sources, &options).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     let file = model_file(args, &loaded, &done);
-    let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
-    let comment = format!("Assembled from {} by volcomp model assemble.", names.join(", "));
+    let names = loaded.iter().map(|l| l.source.name.as_str()).joined(", ");
+    let comment = format!("Assembled from {names} by volcomp model assemble.");
     write_model(&args.out, &config::model::write_file(&file, &[comment]))?;
     note!("model written: {}", args.out.display());
     if args.out.as_os_str() == "-" {
@@ -90,7 +82,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     crate::exit::print(&(report.lines().join("\n") + "\n"))
 }
 
-fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
+fn options(args: &Args, loaded: &[Loaded]) -> Result<Options> {
     let base = args.base.as_deref().map(super::load).transpose()?.map(|f| f.spec);
     let base = match (base, loaded.iter().all(|l| l.is_table)) {
         (Some(base), _) => Some(base),
@@ -127,13 +119,13 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
     })
 }
 
-fn error_symbol(text: &str) -> Result<ErrorSymbol, Failure> {
+fn error_symbol(text: &str) -> Result<ErrorSymbol> {
     ErrorSymbol::parse(text)
         .ok_or_else(|| usage!("unknown error '{text}'; write a symbol such as exx or ec0y"))
 }
 
 /// `FILE` or `FILE:ERROR`.
-fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbol>), Failure> {
+fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbol>)> {
     let find = |name: &str| loaded.iter().position(|l| l.is_named(name));
     if let Some(index) = find(text) {
         return Ok((index, None));
@@ -143,8 +135,8 @@ fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbo
     {
         return Ok((index, Some(error_symbol(symbol)?)));
     }
-    let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
-    Err(usage!("--prefer {text}: no such input; inputs are {}", names.join(", ")))
+    let names = loaded.iter().map(|l| l.source.name.as_str()).joined(", ");
+    Err(usage!("--prefer {text}: no such input; inputs are {names}"))
 }
 
 /// The assembled model with where each error came from.

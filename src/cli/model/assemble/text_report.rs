@@ -1,14 +1,10 @@
 //! Text and JSON of `model assemble`.
 
-use serde_json::{Value, json};
-
 use super::input::Loaded;
 use crate::model::gauge;
-use crate::quantities::{error_out, error_unit, position_out, position_unit, rounded};
-use crate::units::key;
+use crate::prelude::*;
 use volcomp_identify::assemble::{Assembled, Check, Dropped, How, Origin};
 use volcomp_model::gauge::Part;
-use volcomp_units::arcsec_from_rad;
 
 /// The result with its inputs.
 pub(super) struct Report<'a> {
@@ -27,7 +23,7 @@ impl Report<'_> {
         let mut out = vec![format!("model of {}, chain {}", spec.machine, spec.chain), "sources".to_owned()];
         for l in self.loaded {
             let kind = if l.is_table { "table of motions" } else { "model" };
-            out.push(format!("  {:<28} {kind}, blake3 {}", l.source.name, &l.hash()[..16]));
+            out.push(format!("  {:<28} {kind}, blake3 {}", l.source.name, &l.hash[..16]));
         }
         out.push("errors".to_owned());
         out.extend(
@@ -48,9 +44,9 @@ impl Report<'_> {
     fn origin(&self, o: &Origin) -> String {
         let shares = || {
             let list = o.from.iter().map(|(i, share)| format!("{} {:.0} %", self.name(*i), 100.0 * share));
-            list.collect::<Vec<_>>().join(", ")
+            list.joined(", ")
         };
-        let names = || o.from.iter().map(|(i, _)| self.name(*i)).collect::<Vec<_>>().join(", ");
+        let names = || o.from.iter().map(|(i, _)| self.name(*i)).joined(", ");
         match o.how {
             How::Only => names(),
             How::Same => format!("the same in {}", names()),
@@ -91,14 +87,13 @@ impl Report<'_> {
                 format!("constant {:.2} {}", error_out(d.symbol, d.amount), error_unit(d.symbol))
             }
         };
-        let lost: Vec<String> = d.unstated.iter().map(|s| s.to_string().to_lowercase()).collect();
-        format!("{} {what} in {}, which does not state {}", d.symbol, self.name(d.source), lost.join(", "))
+        let lost = d.unstated.iter().map(|s| s.to_string().to_lowercase()).joined(", ");
+        format!("{} {what} in {}, which does not state {lost}", d.symbol, self.name(d.source))
     }
 
     pub(super) fn as_json(&self) -> Value {
         let sources = self.loaded.iter();
-        let sources =
-            sources.map(|l| json!({"name": l.source.name, "blake3": l.hash(), "table": l.is_table}));
+        let sources = sources.map(|l| json!({"name": l.source.name, "blake3": l.hash, "table": l.is_table}));
         json!({
             "machine": self.done.spec.machine,
             "chain": self.done.spec.chain.to_string(),

@@ -6,11 +6,8 @@ mod volume;
 
 pub(super) use panel::meaning;
 
-use crate::report::plot::{
-    Area, BLUE, Drawn, FAINT, FONT, INK, Part, Svg, TITLE, VERMILLION, WIDTH, stacked, svg,
-};
-use volcomp_model::{Model, ModelSpec};
-use volcomp_units::axes::AxisName;
+use crate::prelude::*;
+use crate::report::plot::{Area, Drawn, Part, Svg, TITLE, WIDTH, stacked, svg};
 
 const AXIS_HEIGHT: u32 = TITLE + 2 * 230;
 const VOLUME_HEIGHT: u32 = 640;
@@ -33,10 +30,7 @@ pub(super) fn axis(spec: &ModelSpec, name: AxisName) -> Svg {
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(super) fn distorted(
-    spec: &ModelSpec,
-    model: &Model,
-) -> Result<Option<String>, Box<dyn std::error::Error>> {
+pub(super) fn distorted(spec: &ModelSpec, model: &Model) -> Drawn<Option<String>> {
     if !volume::exists(spec) {
         return Ok(None);
     }

@@ -1,14 +1,10 @@
 //! Error curves: six panels per axis, lengths above, angles below.
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
-use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
 use crate::model::report::kinds_words;
-use crate::quantities::{error_out, position_out, position_unit};
-use crate::report::plot::{tick, words};
+use crate::prelude::*;
 use volcomp_model::search::reference_pose;
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisName, Travel};
 
 const SAMPLES: u32 = 600;
 
@@ -131,29 +127,9 @@ pub(in crate::model) fn meaning(symbol: ErrorSymbol) -> &'static str {
 }
 
 fn draw(area: &Area<'_>, panel: &Panel) -> Drawn {
-    let ([x_low, x_high], [y_low, y_high]) = (panel.x, panel.y());
-    let mut chart = ChartBuilder::on(area)
-        .caption(&panel.title, (FONT, 14).into_font().color(&INK))
-        .margin(8)
-        .margin_right(16)
-        .x_label_area_size(36)
-        .y_label_area_size(58)
-        .build_cartesian_2d(x_low..x_high, y_low..y_high)?;
-    chart
-        .configure_mesh()
-        .x_desc(&panel.x_label)
-        .y_desc(panel.unit)
-        .x_labels(6)
-        .y_labels(5)
-        .y_label_formatter(&|v| tick(*v, y_high - y_low))
-        .x_label_formatter(&|v| tick(*v, x_high - x_low))
-        .axis_desc_style((FONT, 13))
-        .label_style((FONT, 12))
-        .light_line_style(TRANSPARENT)
-        .bold_line_style(FAINT)
-        .axis_style(INK)
-        .draw()?;
-    chart.draw_series(LineSeries::new([(x_low, 0.0), (x_high, 0.0)], INK.stroke_width(1)))?;
+    let Panel { title, x_label, unit: y_label, x, .. } = panel;
+    let axes = Axes { title, x_label, y_label, x: *x, y: panel.y(), right: 16, x_ticks: 6 };
+    let mut chart = axes.draw_small(area)?;
     if let (Some(std), Some(line)) = (panel.std, panel.forward.first()) {
         let upper = line.iter().map(|(x, y)| (*x, y + 2.0 * std));
         let lower = line.iter().rev().map(|(x, y)| (*x, y - 2.0 * std));

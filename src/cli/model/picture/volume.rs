@@ -1,16 +1,13 @@
 //! The distorted volume: the box of X, Y, Z as a wire grid, nominal and with its deviations magnified, seen along a
 //! space diagonal (isometric).
 
-use plotters::prelude::*;
+use crate::report::plot::*;
 
-use super::{Area, BLUE, Drawn, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
-use crate::report::plot::words;
-use volcomp_model::geometry::{Vec3, unit};
+use super::VOLUME_HEIGHT;
+use crate::prelude::*;
+use volcomp_model::geometry::unit;
 use volcomp_model::search::reference_pose;
 use volcomp_model::wireframe::{self, Edge, Wire, Wireframe};
-use volcomp_model::{Model, ModelSpec};
-use volcomp_units::axes::AxisName;
-use volcomp_units::um_from_mm;
 
 /// Intervals of a wire.
 const POINTS: usize = 48;
@@ -90,18 +87,18 @@ fn draw_axes(area: &Area<'_>, view: &View, spec: &ModelSpec, edges: &[Edge]) -> 
         words(area, &edge.axis.to_string(), (x - 6, y - 9), 18)?;
     }
     let travels = edges.iter().map(|e| format!("{} {} to {} mm", e.axis, e.range[0], e.range[1]));
-    let travels = travels.collect::<Vec<_>>().join(", ");
+    let travels = travels.joined(", ");
     words(area, &travels, (14, TITLE as i32 + 4), 13)?;
-    let elsewhere: Vec<String> = spec
+    let elsewhere = spec
         .chain
         .axes()
         .iter()
         .zip(home.position)
         .filter(|(a, q)| *q != 0.0 && !edges.iter().any(|e| e.axis == a.name))
         .map(|(a, _)| a.name.to_string())
-        .collect();
+        .joined(", ");
     if !elsewhere.is_empty() {
-        let text = format!("{} at the end of travel nearest to home", elsewhere.join(", "));
+        let text = format!("{elsewhere} at the end of travel nearest to home");
         words(area, &text, (14, TITLE as i32 + 24), 13)?;
     }
     Ok(())
