@@ -42,8 +42,8 @@ pub struct Data {
     /// Those at which some reading looks along a linear axis itself, and those of a rotary axis, in order, mm or rad.
     pub targets: [Vec<f64>; SLOTS],
     /// Targets of the tests of an axis, in order, mm or rad: `[axis that moves][direction looked along]`. They are those at rest
-    /// where nothing else moves in the set-up, or all where there is none; empty unless looked at twice in the mean, because a
-    /// value of its own for every reading is noise.
+    /// where nothing else moves in the set-up, along the axis itself all where there is none; empty unless looked at twice in the
+    /// mean, because a value of its own for every reading is noise.
     pub tested: [[Vec<f64>; 3]; SLOTS],
     /// Tool lengths differ.
     pub tools: bool,

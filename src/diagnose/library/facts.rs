@@ -126,7 +126,8 @@ fn positions(s: &Session, axis: Axis, of: &dyn Fn(&Moment) -> bool) -> Vec<f64> 
     seen.into_iter().map(|place| place as f64 * same).collect()
 }
 
-/// The targets of the tests of an axis, in order; of a linear one of those that look along a direction.
+/// The targets of the tests of an axis, in order; of a linear one of those that look along a direction. Where nothing tests its
+/// positioning, all readings do.
 fn tested(s: &Session, axis: Axis, along: Axis) -> Vec<f64> {
     let mut spans = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; s.setups.len()];
     for m in &s.moments {
@@ -139,7 +140,8 @@ fn tested(s: &Session, axis: Axis, along: Axis) -> Vec<f64> {
     let is_test = |m: &Moment| m.velocity[axis.slot()].abs() <= STILL && alone(m);
     let looks = |m: &Moment| !axis.is_linear() || m.u[along.slot()].abs() > SEES;
     let has_test = s.moments.iter().any(|m| looks(m) && is_test(m));
-    let of = |m: &Moment| looks(m) && (!has_test || is_test(m));
+    let any_does = !has_test && (axis == along || !axis.is_linear());
+    let of = |m: &Moment| looks(m) && (any_does || is_test(m));
     let targets = positions(s, axis, &of);
     let readings = s.moments.iter().filter(|m| of(m)).count();
     if readings >= 2 * targets.len() { targets } else { Vec::new() }

@@ -344,12 +344,13 @@ impl Shape {
     /// True for a table of independent values without the slope that has a name of its own.
     #[must_use]
     pub const fn is_plain_table(&self) -> bool {
-        let (Self::PitchTable(PitchTable { process, .. }) | Self::RotaryTable(RotaryTable { process, .. })) =
-            self
-        else {
-            return false;
-        };
-        matches!(process, Process::WhiteFromLine)
+        match self {
+            Self::PitchTable(PitchTable { process, .. }) | Self::RotaryTable(RotaryTable { process, .. }) => {
+                matches!(process, Process::WhiteFromLine)
+            }
+            Self::AngularTable(AngularTable { process, .. }) => matches!(process, Process::White),
+            _ => false,
+        }
     }
 
     /// The axis whose scale the slope of a table of values may be, where the table is not counted from its line.
