@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::constants::{FEW, HALF, SIGNIFICANT};
+use super::super::constants::{CREEP, FEW, HALF, SIGNIFICANT};
 use super::super::library::line_of_sight;
 use super::super::moment::Moment;
 use super::super::session::Session;
@@ -62,7 +62,8 @@ struct Neighbours {
     axis: usize,
 }
 
-/// Neighbours of one class whose residuals are known; `of` is asked of both, NaN leaves a reading out.
+/// Neighbours of one class at rest whose residuals are known; `of` is asked of both, NaN leaves a reading out. What shakes a moving
+/// axis is no noise of the instrument.
 fn neighbours(
     session: &Session,
     residuals: &[f64],
@@ -75,7 +76,7 @@ fn neighbours(
     for i in (0..residuals.len()).filter(of_class) {
         let (r, m) = (&session.readings[i], &session.moments[i]);
         let (axis, own) = (m.u.iamax(), of(m));
-        if own.is_nan() {
+        if own.is_nan() || m.velocity.iter().any(|v| v.abs() > CREEP) {
             continue;
         }
         if let Some((residual, other)) = last.insert((r.run, r.repeat, axis), (residuals[i], own)) {
