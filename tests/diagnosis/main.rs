@@ -9,6 +9,7 @@ mod lags;
 mod page;
 mod points;
 mod real;
+mod rough;
 mod sensitivity;
 mod support;
 mod targets;

@@ -133,13 +133,17 @@ impl Places {
     }
 }
 
-/// Runs, or pieces of runs where there are few.
+/// Runs, or pieces of runs where there are few in all or one in a set-up: what it alone shows no other run can confirm.
 pub(super) fn blocks(session: &Session, rows: &[usize], least: usize) -> (Vec<usize>, usize) {
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut runs: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
     for i in rows {
-        *counts.entry(session.readings[*i].run).or_default() += 1;
+        let r = &session.readings[*i];
+        *counts.entry(r.run).or_default() += 1;
+        runs.entry(r.setup).or_default().insert(r.run);
     }
-    let pieces = least.div_ceil(counts.len().max(1));
+    let few = least.div_ceil(counts.len().max(1));
+    let pieces_of = |setup: usize| if runs[&setup].len() == 1 { least } else { few };
     let mut seen: BTreeMap<usize, usize> = BTreeMap::new();
     let mut known: BTreeMap<(usize, usize), usize> = BTreeMap::new();
     let block = rows
@@ -147,7 +151,7 @@ pub(super) fn blocks(session: &Session, rows: &[usize], least: usize) -> (Vec<us
         .map(|i| {
             let run = session.readings[*i].run;
             let k = seen.entry(run).or_default();
-            let piece = (*k * pieces) / counts[&run];
+            let piece = (*k * pieces_of(session.readings[*i].setup)) / counts[&run];
             *k += 1;
             let next = known.len();
             *known.entry((run, piece)).or_insert(next)

@@ -292,7 +292,8 @@ impl Setup {
             ));
         }
         let rms_um = um_from_mm((square_mm2 / self.rows.len() as f64).sqrt());
-        let [x, y, z]: [f64; 3] = station.into();
+        // no negative zeros
+        let [x, y, z]: [f64; 3] = station.map(|v| (10.0 * v).round() / 10.0 + 0.0).into();
         Ok(format!(
             "set-up {number}: {}, origin of the instrument's frame at ({x:.1}, {y:.1}, {z:.1}) mm in W by the best rigid motion, after which \
              {rms_um:.1} µm RMS are left",

@@ -1,0 +1,160 @@
+//! Rough error curves, as screws and guideways have them: in single tests and beside other errors in a campaign; and the slope of
+//! a straightness test among other programs.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
+
+use std::fmt::Write as _;
+
+use serde_json::Value;
+
+use super::instruments::{cause, diagnose, parameter};
+use crate::support::normal;
+
+const HALF_MM: f64 = 200.0;
+const NOISE_UM: f64 = 0.3;
+
+/// A curve with independent values every 40 mm, straight lines between, um; counted from its least-squares line.
+fn rough(seed: u64) -> impl Fn(f64) -> f64 {
+    let mut value = normal(seed);
+    let mut knots: Vec<f64> = (0..11).map(|_| 3.0 * value()).collect();
+    let mean = knots.iter().sum::<f64>() / 11.0;
+    let slope = knots.iter().enumerate().map(|(k, v)| (k as f64 - 5.0) * v).sum::<f64>() / 110.0;
+    knots.iter_mut().enumerate().for_each(|(k, v)| *v -= mean + slope * (k as f64 - 5.0));
+    move |x: f64| {
+        let place = (x / HALF_MM + 1.0) * 5.0;
+        let k = (place.floor() as usize).min(9);
+        knots[k] + (place - k as f64) * (knots[k + 1] - knots[k])
+    }
+}
+
+/// Lines there and back three times, each a set-up of its own with an offset.
+struct Lines {
+    text: String,
+    noise: Box<dyn FnMut() -> f64>,
+    setup: u32,
+    run: u32,
+    t_s: f64,
+}
+
+impl Lines {
+    fn new(seed: u64) -> Self {
+        let text = "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,dir_x,dir_y,dir_z,moving,u_x,u_y,u_z,deviation_um\n";
+        Self { text: text.to_owned(), noise: Box::new(normal(seed)), setup: 0, run: 0, t_s: 0.0 }
+    }
+
+    /// From `-end` to `end` and back, measured along `u`; `error` of position and direction of travel, um.
+    fn line(
+        &mut self,
+        end: [f64; 3],
+        u: [f64; 3],
+        targets: u32,
+        error: &dyn Fn([f64; 3], [f64; 3]) -> [f64; 3],
+    ) {
+        self.setup += 1;
+        let offset = 5.0 * (self.noise)();
+        for repeat in 1..=3 {
+            for sense in [1.0, -1.0] {
+                self.run += 1;
+                for k in 0..targets {
+                    self.t_s += 1.3 + 0.2 * f64::from(k % 3);
+                    let share = sense * (2.0 * f64::from(k) / f64::from(targets - 1) - 1.0);
+                    let [p, d] = [
+                        end.map(|v| share * v),
+                        end.map(|v| if v == 0.0 { 0.0 } else { sense * v.signum() }),
+                    ];
+                    let e: f64 = error(p, d).iter().zip(u).map(|(e, u)| e * u).sum();
+                    let deviation = e + offset + NOISE_UM * (self.noise)();
+                    writeln!(
+                        self.text,
+                        "{:.1},laser,{},{},{repeat},{:.3},{:.3},{:.3},{},{},{},0,{:.9},{:.9},{:.9},{deviation:.2}",
+                        self.t_s, self.setup, self.run, p[0], p[1], p[2], d[0], d[1], d[2], u[0], u[1], u[2]
+                    )
+                    .unwrap();
+                }
+            }
+        }
+    }
+
+    fn report(&self) -> Value {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("lines.csv");
+        std::fs::write(&path, &self.text).unwrap();
+        diagnose(&path, &[]).0
+    }
+}
+
+fn along(axis: usize, length: f64) -> [f64; 3] {
+    core::array::from_fn(|k| if k == axis { length } else { 0.0 })
+}
+
+fn declared(report: &Value) -> Vec<String> {
+    let mut all = super::cli::declared(report);
+    all.sort();
+    all
+}
+
+#[test]
+fn a_rough_guideway_is_a_straightness_error() {
+    for seed in 1..=4 {
+        let curve = rough(seed);
+        let mut test = Lines::new(10 + seed);
+        test.line(along(0, HALF_MM), along(1, 1.0), 17, &|p, _| [0.0, curve(p[0]), 0.0]);
+        let report = test.report();
+        assert_eq!(declared(&report), ["straightness:eyx"], "seed {seed}");
+        assert_eq!(report["verdict"], "explained", "seed {seed}");
+        let left = report["shrink"]["rms_after_um"].as_f64().unwrap();
+        assert!(left < 1.3 * NOISE_UM, "seed {seed}: {left} um left");
+    }
+}
+
+#[test]
+fn a_rough_screw_hides_no_other_error_of_a_campaign() {
+    for seed in 1..=3 {
+        let curve = rough(seed);
+        let error = |p: [f64; 3], d: [f64; 3]| [curve(p[0]) + 0.05 * p[1], -3.0 * d[1] + 0.04 * p[1], 0.0];
+        let mut campaign = Lines::new(20 + seed);
+        for axis in 0..3 {
+            campaign.line(along(axis, HALF_MM), along(axis, 1.0), 17, &error);
+        }
+        for signs in [[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]] {
+            let root = 3f64.sqrt();
+            campaign.line(signs.map(|s| s * HALF_MM), signs.map(|s| s / root), 9, &error);
+        }
+        let report = campaign.report();
+        assert_eq!(
+            declared(&report),
+            ["backlash:y", "positioning:x", "scale:y", "squareness:xy"],
+            "seed {seed}"
+        );
+        assert!((parameter(&report, "scale", "y", "scale_ppm") - 40.0).abs() < 3.0);
+        assert_eq!(report["verdict"], "explained", "seed {seed}");
+        let left = report["shrink"]["rms_after_um"].as_f64().unwrap();
+        assert!(left < 1.5 * NOISE_UM, "seed {seed}: {left} um left");
+    }
+}
+
+#[test]
+fn the_reference_line_of_a_straightness_test_is_no_squareness_among_other_programs() {
+    let mut campaign = Lines::new(31);
+    let none = |_: [f64; 3], _: [f64; 3]| [0.0; 3];
+    for axis in 0..3 {
+        campaign.line(along(axis, HALF_MM), along(axis, 1.0), 17, &none);
+        let across = (axis + 1) % 3;
+        // the straightedge stands at an angle of 30 urad
+        campaign.line(along(axis, HALF_MM), along(across, 1.0), 17, &|p, _| along(across, 0.03 * p[axis]));
+    }
+    let report = campaign.report();
+    assert!(declared(&report).is_empty(), "{:?}", declared(&report));
+    assert_eq!(report["verdict"], "no-gap");
+    let notes = report["notes"].to_string();
+    assert!(notes.contains(":2, ") && notes.contains("slope of each set-up"), "{notes}");
+    // what shows it all the same: a line of both axes in one set-up
+    let square = |p: [f64; 3], _: [f64; 3]| [-0.05 * p[1], 0.0, 0.0];
+    for sign in [1.0, -1.0] {
+        let (end, root) = ([HALF_MM, sign * HALF_MM, 0.0], 2f64.sqrt());
+        campaign.line(end, [1.0 / root, sign / root, 0.0], 17, &square);
+    }
+    let report = campaign.report();
+    assert_eq!(cause(&report, "squareness", "xy")["declared"], true, "{:?}", declared(&report));
+}
