@@ -166,6 +166,8 @@ pub struct MachineState {
     pub light: Option<Light>,
     /// The reading is of a ballbar.
     pub is_ballbar: bool,
+    /// The reading is of the control's own encoder, which does not see the structure.
+    pub is_encoder: bool,
     /// The set-up of its instrument.
     pub setup: usize,
     /// Forces per linear axis, N.
@@ -197,6 +199,7 @@ impl Default for MachineState {
             lever_mm: Vec3::repeat(f64::NAN),
             light: None,
             is_ballbar: false,
+            is_encoder: false,
             setup: 0,
             force_n: [f64::NAN; 3],
             head: Head::default(),

@@ -1,6 +1,6 @@
 //! Deviation that a model predicts for a machine state, in machine axes.
 
-use crate::machine_state::{Axis, Machine, MachineAxis, MachineState};
+use crate::machine_state::{Axis, Machine, MachineAxis, MachineState, SLOTS};
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
 use volcomp_model::{AxisMotion, DYNAMIC_MAX, Model, ModelSpec, Pose, Side};
 use volcomp_units::axes::{AxisKind, MAX_AXES, Travel};
@@ -83,14 +83,22 @@ pub fn deviation_um(model: &Model, m: &MachineState) -> Vec3 {
     deviation_with_live_um(model, m, &[])
 }
 
-/// The same with live values of the model's sensors, mm or strain; those that are not given are zero.
+/// The same with live values of the model's sensors, mm or strain; those that are not given are zero. The control's own encoder
+/// sees of it what follows the motion.
 #[must_use]
 pub fn deviation_with_live_um(model: &Model, m: &MachineState, live: &[f64]) -> Vec3 {
     let mut pose = pose(model, m);
     for (slot, value) in pose.live.iter_mut().zip(live) {
         *slot = *value;
     }
-    let d = model.deviation(&pose);
+    let mut d = model.deviation(&pose);
+    if m.is_encoder {
+        let still = MachineState { velocity: [0.0; SLOTS], acceleration: [0.0; SLOTS], ..m.clone() };
+        pose.dynamic = pose.dynamic.map(|_| signals(model, &still));
+        let at_rest = model.deviation(&pose);
+        d.position -= at_rest.position;
+        d.rotation -= at_rest.rotation;
+    }
     let machine = workpiece_to_machine(model, m);
     let d = if m.is_angular() {
         m.u * (machine * d.rotation).dot(&m.lever_mm.cross(&m.u))

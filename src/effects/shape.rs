@@ -102,6 +102,11 @@ pub(crate) trait Form {
         None
     }
 
+    /// True for what happens behind the control's own encoders, which do not see it.
+    fn is_structural(&self) -> bool {
+        true
+    }
+
     /// True for curves that bend to anything smooth.
     fn is_free_curve(&self) -> bool {
         false
@@ -156,6 +161,9 @@ impl Shape {
 
     /// The deviation per unit of each parameter, um; `at` gives the place of a signal in [`MachineState::signals`].
     pub fn evaluate_with(&self, m: &MachineState, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
+        if m.is_encoder && self.form().is_structural() {
+            return out.fill(Vec3::zeros());
+        }
         let read = |s: &Signal| at(s).and_then(|i| m.signals.get(i)).copied().unwrap_or(f64::NAN);
         self.form().evaluate(m, &read, out);
         if m.is_angular() {

@@ -46,6 +46,7 @@ struct Part<'a> {
     run: Vec<usize>,
     moments: Vec<Moment>,
     notes: Vec<Note>,
+    motion: Motion,
     moving: bool,
     times: Times,
     /// Time, s, and commanded velocity, mm/s, of the linear axes where samples follow each other fast.
@@ -85,6 +86,7 @@ impl Session {
         copies::no_file_twice(raws)?;
         let mut places = Vec::new();
         let mut extra: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        let mut motions = Vec::with_capacity(raws.len());
         for (file, raw) in raws.iter().enumerate() {
             let (times, note) = times::of(raw);
             session.times.push(times);
@@ -108,8 +110,10 @@ impl Session {
             for (axis, points) in Axis::LINEAR.into_iter().zip(&mut part.velocities) {
                 history.add(file, Source::Velocity(axis), points.drain(..));
             }
+            motions.push((raw.file.as_str(), std::mem::take(&mut part.motion)));
             session.take(part, &mut places, &mut extra);
         }
+        session.notes.extend(motion_notes(&motions));
         let pairs = pairs::find(&places);
         for (r, p) in session.readings.iter_mut().zip(&pairs) {
             r.pair = *p;
@@ -322,6 +326,7 @@ impl<'a> Part<'a> {
             run,
             moments: Vec::new(),
             notes: Vec::new(),
+            motion: Motion::default(),
             moving: false,
             times,
             velocities,
@@ -354,6 +359,7 @@ impl<'a> Part<'a> {
                 light: raw.instruments.get(i).and_then(|n| Light::of(n)),
                 setup: self.setup[i],
                 is_ballbar: raw.instruments.get(i).is_some_and(|n| is_ballbar(n)),
+                is_encoder: raw.instruments.get(i).is_some_and(|n| is_encoder(n)),
                 station_mm: vector(station, i),
                 force_n: [at(force[0], i), at(force[1], i), at(force[2], i)],
                 ..Moment::default()
@@ -482,6 +488,10 @@ impl<'a> Part<'a> {
 
     /// Notes on what was derived.
     fn tell(&mut self, axis: Axis, fast: bool, speed: bool, acceleration: bool, direction: bool) {
+        let first = self.moments.first().map_or(0.0, |m| m.position[axis.slot()]);
+        if self.moments.iter().all(|m| (m.position[axis.slot()] - first).abs() <= 1e-9) {
+            return;
+        }
         let mut derived = Vec::new();
         if fast && !speed {
             derived.push("velocity");
@@ -492,33 +502,57 @@ impl<'a> Part<'a> {
         if !direction {
             derived.push("direction of travel and distance since reversal");
         }
-        let moves = {
-            let first = self.moments.first().map_or(0.0, |m| m.position[axis.slot()]);
-            self.moments.iter().any(|m| (m.position[axis.slot()] - first).abs() > 1e-9)
-        };
-        let file = &self.raw.file;
-        if moves && !derived.is_empty() {
-            self.notes
-                .push(Note::new(format!("{file}: {} of {axis} derived from the rows", derived.join(", "))));
+        if !derived.is_empty() {
+            self.motion.derived.entry(derived.join(", ")).or_default().push(axis);
         }
-        if moves && !fast && !speed {
-            let linear = axis.is_linear();
-            let mut lost: Vec<String> = Vec::new();
-            if linear {
-                lost.extend(
-                    ["reversal-spike", "servo-mismatch", "inertial", "inertial-cross"]
-                        .map(|e| format!("{e}:{axis}")),
-                );
-                lost.extend(["latency".to_owned(), "clock-skew".to_owned()]);
-            }
-            self.notes.push(Note {
-                text: format!(
-                    "{file}: samples of {axis} are too slow for velocities and none are stated: taken as standing still"
-                ),
-                unidentifiable: lost,
-            });
+        if !fast && !speed {
+            self.motion.slow.push(axis);
         }
     }
+}
+
+/// What a file does not state of the motion of its axes.
+#[derive(Debug, Default)]
+struct Motion {
+    /// What was derived from the rows, and for which axes.
+    derived: BTreeMap<String, Vec<Axis>>,
+    /// Axes whose samples are too slow for velocities.
+    slow: Vec<Axis>,
+}
+
+/// Notes on the motion of all files: what holds of several axes or files is said once.
+fn motion_notes(files: &[(&str, Motion)]) -> Vec<Note> {
+    let words = |axes: &[Axis]| axes.iter().map(Axis::to_string).collect::<Vec<_>>().join(", ");
+    let mut derived: BTreeMap<(&str, String), Vec<&str>> = BTreeMap::new();
+    let mut slow: BTreeMap<&[Axis], Vec<&str>> = BTreeMap::new();
+    for (file, motion) in files {
+        for (what, axes) in &motion.derived {
+            derived.entry((what, words(axes))).or_default().push(file);
+        }
+        if !motion.slow.is_empty() {
+            slow.entry(&motion.slow).or_default().push(file);
+        }
+    }
+    let derived = derived.into_iter().map(|((what, axes), files)| {
+        Note::new(format!("{}: {what} of {axes} derived from the rows", files.join(", ")))
+    });
+    let slow = slow.into_iter().map(|(axes, files)| {
+        let linear = axes.iter().filter(|a| a.is_linear());
+        let of = |a: &Axis| {
+            ["reversal-spike", "servo-mismatch", "inertial", "inertial-cross"].map(|e| format!("{e}:{a}"))
+        };
+        let mut unidentifiable: Vec<String> = linear.flat_map(of).collect();
+        if !unidentifiable.is_empty() {
+            unidentifiable.extend(["latency".to_owned(), "clock-skew".to_owned()]);
+        }
+        let text = format!(
+            "{}: samples of {} are too slow for velocities and none are stated: taken as standing still",
+            files.join(", "),
+            words(axes)
+        );
+        Note { text, unidentifiable }
+    });
+    derived.chain(slow).collect()
 }
 
 fn given_or(column: Option<&[f64]>, i: usize, otherwise: f64) -> f64 {

@@ -149,6 +149,10 @@ impl Form for Backlash {
     fn builds_up(&self) -> (f64, f64) {
         (if self.length_mm > 0.0 { self.length_mm } else { f64::INFINITY }, f64::INFINITY)
     }
+
+    fn is_structural(&self) -> bool {
+        self.along != [self.axis]
+    }
 }
 
 /// `-w/2 dir` about the axis itself, times the radius.
@@ -183,5 +187,9 @@ impl Form for RotaryBacklash {
             entry,
             [Term { axis, symbol, law, most: 0.5, at: 0, slope: false, unit: RAD_PER_ARCSEC }],
         )
+    }
+
+    fn is_structural(&self) -> bool {
+        false
     }
 }

@@ -135,6 +135,10 @@ impl Form for Cyclic {
     fn is_free_curve(&self) -> bool {
         true
     }
+
+    fn is_structural(&self) -> bool {
+        false
+    }
 }
 
 /// `SUM c_k (cos(k n q) - 1) + s_k sin(k n q)` about a rotary axis itself, times the radius: `n` waves in a turn, `k` harmonics.
@@ -200,5 +204,9 @@ impl Form for RotaryCyclic {
 
     fn is_free_curve(&self) -> bool {
         true
+    }
+
+    fn is_structural(&self) -> bool {
+        false
     }
 }

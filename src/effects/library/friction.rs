@@ -134,6 +134,10 @@ impl Form for Spike {
     fn builds_up(&self) -> (f64, f64) {
         (f64::INFINITY, self.fall_s)
     }
+
+    fn is_structural(&self) -> bool {
+        false
+    }
 }
 
 /// Friction that the servo lags behind by while the axis moves: `d_a = -h tanh(v/v0)`.
@@ -171,5 +175,9 @@ impl Form for Friction {
 
     fn acts_along(&self) -> Option<Axis> {
         Some(self.axis)
+    }
+
+    fn is_structural(&self) -> bool {
+        false
     }
 }

@@ -185,6 +185,10 @@ impl Form for Lag {
     fn signals(&self) -> Vec<&Signal> {
         self.lagged.iter().collect()
     }
+
+    fn is_structural(&self) -> bool {
+        false
+    }
 }
 
 /// `-tau omega` about the axis itself, times the radius.
@@ -215,6 +219,10 @@ impl Form for RotaryLag {
         let (symbol, most) = (turn(axis, axis), rad_from_deg(fastest(entry, axis)?));
         let law = Law::Velocity;
         terms(model, entry, [Term { axis, symbol, law, most, at: 0, slope: false, unit: -PER_MS }])
+    }
+
+    fn is_structural(&self) -> bool {
+        false
     }
 }
 
@@ -252,5 +260,9 @@ impl Form for ClockSkew {
 
     fn drawing(&self) -> Drawing {
         Over::VelocityAlongU.into()
+    }
+
+    fn is_structural(&self) -> bool {
+        false
     }
 }

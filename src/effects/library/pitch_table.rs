@@ -270,6 +270,10 @@ impl Form for RotaryTable {
     fn is_process(&self) -> bool {
         true
     }
+
+    fn is_structural(&self) -> bool {
+        false
+    }
 }
 
 /// `d = eps x lever` about one direction with values at the targets, zero at the zero of the axis.

@@ -198,4 +198,8 @@ impl Form for RotaryEccentricity {
     fn turns(&self) -> Option<Axis> {
         self.over()
     }
+
+    fn is_structural(&self) -> bool {
+        false
+    }
 }

@@ -67,4 +67,8 @@ impl Form for RotaryScale {
     fn turns(&self) -> Option<Axis> {
         self.over()
     }
+
+    fn is_structural(&self) -> bool {
+        false
+    }
 }
