@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::machine_state::{Axis, MachineState};
-use crate::shape::Span;
+use crate::shape::{Span, UM_PER_ARCSEC_MM};
 use volcomp_model::ModelSpec;
-use volcomp_model::geometry::Vec3;
+use volcomp_model::geometry::{Vec3, unit};
 
 /// What lies between an angular error and the tool tip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -37,6 +37,18 @@ impl Lever {
             }
         }
         r
+    }
+
+    /// Displacements at the tool by turns about a direction, um for each turn in arcsec.
+    pub(crate) fn turn_by(
+        &self,
+        about: Axis,
+        m: &MachineState,
+        turns_arcsec: impl IntoIterator<Item = f64>,
+        out: &mut [Vec3],
+    ) {
+        let arm = unit(about.direction()).cross(&self.at(m)) * UM_PER_ARCSEC_MM;
+        out.iter_mut().zip(turns_arcsec).for_each(|(o, v)| *o = arm * v);
     }
 
     /// True where the pivot is no further from the tip than `most` of the longest travel in the data.

@@ -111,7 +111,7 @@ pub fn deviation_with_live_um(model: &Model, m: &MachineState, live: &[f64]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_model::{AxisSpec, Chain};
+    use volcomp_model::{AxisSpec, Chain, Curve, ErrorFunction, ErrorSymbol};
 
     #[test]
     fn the_head_takes_the_tool_where_the_model_does() {
@@ -133,5 +133,17 @@ mod tests {
             assert!((tip - nominal.tip).norm() < 1e-9, "{tip} {}", nominal.tip);
             assert!((m.head.turns(Vec3::z()) - nominal.direction).norm() < 1e-12);
         }
+    }
+
+    #[test]
+    fn an_encoder_sees_no_static_error_of_the_model() {
+        let mut spec = ModelSpec::new("plain", Chain::parse("[w b X Y Z t]").unwrap());
+        let shift = ErrorFunction::single(Curve::Constant(5e-3));
+        spec.errors.push((ErrorSymbol::parse("EXX").unwrap(), shift));
+        let model = Model::new(&spec).unwrap();
+        let at_tool = MachineState { position: [40.0, 0.0, 0.0, 0.0, 0.0, 0.0], ..MachineState::default() };
+        let at_encoder = MachineState { is_encoder: true, ..at_tool.clone() };
+        assert!((deviation_um(&model, &at_tool).x - 5.0).abs() < 1e-9);
+        assert_eq!(deviation_um(&model, &at_encoder), Vec3::zeros());
     }
 }

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::constants::{FEW, HALF, MANY, MOVES, SEES};
 use super::super::moment::{Axis, Light, Moment, SLOTS, Signal, Source};
-use super::super::session::{Session, is_encoder};
+use super::super::session::{Session, Spans, is_encoder};
 use super::STILL;
 use volcomp_effects::SPINDLE_S;
 use volcomp_effects::data::Data;
@@ -30,7 +30,7 @@ pub(super) fn data(s: &Session) -> Data {
     let any = |is: &dyn Fn(&Moment) -> bool| s.moments.iter().any(is);
     let targets =
         Axis::ALL.map(|a| if moved[a.slot()] { positions(s, a, &looks_along(a)) } else { Vec::new() });
-    let sources = s.history.sources().into_iter();
+    let (sources, spans) = (s.history.sources().into_iter(), s.spans());
     Data {
         machine: s.machine.clone(),
         axes: s.axes.clone(),
@@ -52,7 +52,7 @@ pub(super) fn data(s: &Session) -> Data {
             })
         }),
         tested: Axis::ALL.map(|a| {
-            let looking = |along| if moved[a.slot()] { tested(s, a, along) } else { Vec::new() };
+            let looking = |along| if moved[a.slot()] { tested(s, &spans, a, along) } else { Vec::new() };
             Axis::LINEAR.map(looking)
         }),
         targets,
@@ -128,13 +128,7 @@ fn positions(s: &Session, axis: Axis, of: &dyn Fn(&Moment) -> bool) -> Vec<f64> 
 
 /// The targets of the tests of an axis, in order; of a linear one of those that look along a direction. Where nothing tests its
 /// positioning, all readings do.
-fn tested(s: &Session, axis: Axis, along: Axis) -> Vec<f64> {
-    let mut spans = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; s.setups.len()];
-    for m in &s.moments {
-        for ([low, high], p) in spans[m.setup].iter_mut().zip(m.position) {
-            (*low, *high) = (low.min(p), high.max(p));
-        }
-    }
+fn tested(s: &Session, spans: &[Spans], axis: Axis, along: Axis) -> Vec<f64> {
     let moves = |setup: usize, slot: usize| spans[setup][slot][1] - spans[setup][slot][0] > STILL;
     let alone = |m: &Moment| (0..SLOTS).all(|slot| moves(m.setup, slot) == (slot == axis.slot()));
     let is_test = |m: &Moment| m.velocity[axis.slot()].abs() <= STILL && alone(m);

@@ -16,7 +16,7 @@ mod tests;
 mod times;
 
 use super::constants::{MOVES, ROWS, SEES};
-use super::moment::{Axis, Machine, Moment, Signal};
+use super::moment::{Axis, Machine, Moment, SLOTS, Signal};
 
 pub use history::History;
 pub use times::Times;
@@ -230,6 +230,9 @@ pub struct Extra {
     pub values: Vec<f64>,
 }
 
+/// Least and largest position of each axis, mm or rad.
+pub(crate) type Spans = [[f64; 2]; SLOTS];
+
 /// Readings ready for the diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Session {
@@ -317,21 +320,26 @@ impl Session {
         Axis::LINEAR.into_iter().filter(is_seen).collect()
     }
 
-    /// Set-ups that look across the only linear axis that moves in them, from which the slope of the reference line is not known
-    /// (ISO 230-1, straightness).
-    fn straightness_tests(&self) -> Vec<bool> {
-        let mut spans: Vec<[[f64; 2]; 3]> = vec![[[f64::INFINITY, f64::NEG_INFINITY]; 3]; self.setups.len()];
-        for (r, m) in self.readings.iter().zip(&self.moments) {
-            for ([low, high], p) in spans[r.setup].iter_mut().zip(m.position) {
+    /// The range of each axis in each set-up, mm or rad; empty where nothing was read.
+    pub(crate) fn spans(&self) -> Vec<Spans> {
+        let mut spans = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; self.setups.len()];
+        for m in &self.moments {
+            for ([low, high], p) in spans[m.setup].iter_mut().zip(m.position) {
                 (*low, *high) = (low.min(p), high.max(p));
             }
         }
-        let moves = |axes: &[[f64; 2]; 3], k: usize| axes[k][1] - axes[k][0] > MOVES[0];
-        let axis_of = |axes| {
+        spans
+    }
+
+    /// Set-ups that look across the only linear axis that moves in them, from which the slope of the reference line is not known
+    /// (ISO 230-1, straightness).
+    fn straightness_tests(&self) -> Vec<bool> {
+        let moves = |axes: &Spans, k: usize| axes[k][1] - axes[k][0] > MOVES[0];
+        let axis_of = |axes: &Spans| {
             let mut moved = (0..3).filter(|k| moves(axes, *k));
             moved.next().filter(|_| moved.next().is_none())
         };
-        let axes: Vec<Option<usize>> = spans.iter().map(axis_of).collect();
+        let axes: Vec<Option<usize>> = self.spans().iter().map(axis_of).collect();
         let mut is_test: Vec<bool> = axes.iter().map(Option::is_some).collect();
         for (r, m) in self.readings.iter().zip(&self.moments) {
             let looks_across = axes[r.setup].is_some_and(|axis| m.u[axis].abs() < SEES);

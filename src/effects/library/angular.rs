@@ -73,9 +73,7 @@ impl Form for Angular {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let arm = unit(self.about.direction()).cross(&self.lever.at(m)) * UM_PER_ARCSEC_MM;
-        let curve = self.curve(m.position[self.over.slot()]);
-        out.iter_mut().zip(&curve[..self.degree]).for_each(|(o, v)| *o = arm * *v);
+        self.lever.turn_by(self.about, m, self.curve(m.position[self.over.slot()]), out);
     }
 
     fn columns(&self) -> Vec<String> {

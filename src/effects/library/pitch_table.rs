@@ -305,8 +305,7 @@ impl Form for AngularTable {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let arm = unit(self.about.direction()).cross(&self.lever.at(m)) * UM_PER_ARCSEC_MM;
-        out.iter_mut().zip(self.angles(m.position[self.over.slot()])).for_each(|(o, v)| *o = arm * v);
+        self.lever.turn_by(self.about, m, self.angles(m.position[self.over.slot()]), out);
     }
 
     fn columns(&self) -> Vec<String> {
