@@ -39,7 +39,7 @@ use evidence::Comparison;
 use library::{Kind, Library, Shape, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, Selection};
-use session::{Note, Session};
+use session::{BallZero, Note, Session};
 
 pub use next::Dialect;
 pub use outcome::{Budget, Correction, Curve, Diagnosis, FittedLine, Level, ProgramResidual};
@@ -139,6 +139,17 @@ pub fn diagnose(
             "readings of the ballbar: {taken_off} taken off as the length of the bar and no part of the gap"
         )));
     }
+    if session.ball_zero.is_some() {
+        session.notes.push(Note::new(
+            "readings of the R-test fit better where all errors, not those of rotary axes alone, count from the centring of the ball: \
+             so they are counted"
+                .to_owned(),
+        ));
+    }
+    let fresh = fresh.map(|fresh| {
+        fresh.ball_zero = session.ball_zero.as_ref().and_then(|_| BallZero::of(fresh));
+        fresh
+    });
     tell(0.85, "tests of the causes");
     outcome::conclude(session, fresh, options, &analysis, tell)
 }
@@ -207,6 +218,10 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
         spatial_variation::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
+        if round == 1 && counts_from_ball_zero(session, &library, (&filter, &gap, &white), &selection) {
+            session.ball_zero = BallZero::of(session);
+            return analyse(session, options, tell);
+        }
         let next = {
             let left = remainder(session, &problem, &library, &selection, &gap);
             steady(noise::from_remainder(session, &left, &used, &class_noise))
@@ -216,6 +231,15 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             // the control's own encoders see the servo, which depends on no place
             if !is_plain && !problem.precise {
                 tell(0.8, "effects that vary over the volume");
+                let least_um = white.iter().copied().fold(f64::INFINITY, f64::min);
+                spatial_variation::allow_for_discrepancy(
+                    &mut problem,
+                    session,
+                    &filter,
+                    &mut library,
+                    &mut selection,
+                    least_um,
+                );
                 spatial_variation::allow_for_variation(
                     &mut problem,
                     session,
@@ -248,6 +272,34 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         }
         class_noise = next;
     }
+}
+
+/// True where all that the ball of an R-test shows counts from where the ball was centred: that says more of the gap than the state
+/// at each row does, from which the search has chosen.
+fn counts_from_ball_zero(
+    session: &Session,
+    library: &Library,
+    (filter, gap, white): (&Filter, &[f64], &[f64]),
+    selection: &Selection,
+) -> bool {
+    let Some(zero) = BallZero::of(session).filter(|_| session.ball_zero.is_none() && !selection.is_plain)
+    else {
+        return false;
+    };
+    let counted = Session { ball_zero: Some(zero), ..session.clone() };
+    let score = |session: &Session, gap: &[f64], search_again: bool| {
+        let (mut library, mut selection) = (library.clone(), selection.clone());
+        let mut problem = Problem::new(session, &library, filter, gap, white);
+        selection.chosen.iter().for_each(|v| problem.prepare(*v));
+        if search_again {
+            let chosen = selection.chosen.clone();
+            selection.restart(&mut problem, &library, &chosen);
+            spatial_variation::find_causes(&mut problem, session, filter, &mut library, &mut selection);
+        }
+        selection.evidence(&mut problem, &library) - problem.y.norm_squared()
+    };
+    let (now, then) = (score(session, gap, false), score(&counted, &counted.gap(), true));
+    then > now + search::SWAP_GAIN
 }
 
 /// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid

@@ -40,12 +40,11 @@ pub fn predict(
         copy.signals =
             own.iter().map(|p| p.and_then(|p| m.signals.get(p)).copied().unwrap_or(f64::NAN)).collect();
         let d = model.map_or_else(Vec3::zeros, |model| deviation_um(model, m)) + evaluator.at(&copy);
-        let along = d.dot(&m.u);
-        if !along.is_finite() {
+        if !d.dot(&m.u).is_finite() {
             let (file, line) = (session.files[m.file].clone(), session.readings[i].line);
             return Err(PredictError { file, line, source: evaluator.lacks(&copy) });
         }
-        session.readings[i].predicted_um = along;
+        session.readings[i].prediction_um = d;
     }
     Ok(())
 }

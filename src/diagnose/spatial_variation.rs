@@ -1,11 +1,11 @@
 //! The search for causes, and the same again where effects are not the same everywhere.
 
-use super::constants::{LITTLE, TRIED};
+use super::constants::{LITTLE, STRONG, TRIED};
 use super::contributions_um;
 use super::library::{Library, Shape, forms};
 use super::noise::Filter;
 use super::offsets::rms;
-use super::search::{self, Problem, Selection, Variation};
+use super::search::{self, LowRank, Problem, Selection, Variation};
 use super::session::Session;
 
 /// The causes of a problem, from what is chosen on.
@@ -43,6 +43,33 @@ pub(super) fn find_causes(
         selection.absorb(problem, library);
     }
     // what was refined has new columns
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Where structure that no effect describes varies smoothly over the volume, it joins the noise, and causes are looked for again,
+/// as long as this says more than what was found without it.
+pub(super) fn allow_for_discrepancy(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+    least_um: f64,
+) {
+    let square = problem.y.norm_squared();
+    let Some((found, kept)) = search::discrepancy(session, filter, problem, library, selection, least_um)
+    else {
+        return;
+    };
+    let before = Found::of(problem, library, selection, square);
+    problem.join(Some(found), None);
+    kept.iter().for_each(|v| problem.prepare(*v));
+    selection.restart(problem, library, &kept);
+    find_causes(problem, session, filter, library, selection);
+    let now = Found::of(problem, library, selection, square);
+    if now.evidence < before.evidence + STRONG {
+        before.restore(problem, session, filter, library, selection);
+    }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
@@ -148,6 +175,7 @@ fn zeros(
 struct Found {
     selection: Selection,
     library: Library,
+    discrepancy: Option<LowRank>,
     variation: Option<Variation>,
     /// Twice the logarithm of a likelihood, with all prices.
     evidence: f64,
@@ -156,13 +184,14 @@ struct Found {
 impl Found {
     /// `square` is the sum of squares of the gap without a variation.
     fn of(problem: &mut Problem, library: &Library, selection: &Selection, square: f64) -> Self {
-        let variation = problem.variation().cloned();
-        let varies =
-            square - problem.y.norm_squared() - variation.as_ref().map_or(0.0, Variation::log_variance);
+        let (discrepancy, variation) = (problem.discrepancy().cloned(), problem.variation().cloned());
+        let joined = discrepancy.iter().chain(variation.iter().map(|v| &v.noise));
+        let varies = square - problem.y.norm_squared() - joined.map(LowRank::log_variance).sum::<f64>();
         Self {
             evidence: selection.evidence(problem, library) + varies,
             selection: selection.clone(),
             library: library.clone(),
+            discrepancy,
             variation,
         }
     }
@@ -175,7 +204,7 @@ impl Found {
         library: &mut Library,
         selection: &mut Selection,
     ) {
-        problem.vary(None);
+        problem.join(self.discrepancy, None);
         for (v, (now, then)) in library.variants.iter().zip(&self.library.variants).enumerate() {
             if now.shape != then.shape {
                 problem.replace(session, filter, v, &then.shape);

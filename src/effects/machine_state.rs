@@ -368,6 +368,19 @@ impl Machine {
         }
     }
 
+    /// The rotary axes that carry the workpiece, from the bed outwards.
+    pub fn table_axes(&self) -> impl Iterator<Item = Axis> {
+        self.axes.iter().rev().filter(|a| !a.axis.is_linear() && a.workpiece_side).map(|a| a.axis)
+    }
+
+    /// How the workpiece stands, turned from where it is with all axes at zero: a table turns the other way than its coordinate
+    /// counts.
+    #[must_use]
+    pub fn table_turn(&self, m: &MachineState) -> Mat3 {
+        let turn = |r: Mat3, a: Axis| r * rotation_about(a.direction(), -m.position[a.slot()]);
+        self.table_axes().fold(Mat3::identity(), turn)
+    }
+
     /// The rotary axes that carry the tool, from the bed outwards; none where nothing says where they stand.
     pub fn head_axes(&self) -> impl DoubleEndedIterator<Item = &MachineAxis> {
         let known = self.gauge_point_mm.is_some() || self.tool_tip_mm != Vec3::zeros();

@@ -10,6 +10,8 @@ mod page;
 mod points;
 mod real;
 mod rough;
+mod rtest;
 mod sensitivity;
+mod structure;
 mod support;
 mod targets;

@@ -11,8 +11,8 @@ use serde_json::Value;
 use super::instruments::{cause, diagnose, parameter};
 use crate::support::normal;
 
-const HALF_MM: f64 = 200.0;
-const NOISE_UM: f64 = 0.3;
+pub(crate) const HALF_MM: f64 = 200.0;
+pub(crate) const NOISE_UM: f64 = 0.3;
 
 /// A curve with independent values every 40 mm, straight lines between, um; counted from its least-squares line.
 fn rough(seed: u64) -> impl Fn(f64) -> f64 {
@@ -29,7 +29,7 @@ fn rough(seed: u64) -> impl Fn(f64) -> f64 {
 }
 
 /// Lines there and back three times, each a set-up of its own with an offset.
-struct Lines {
+pub(crate) struct Lines {
     text: String,
     noise: Box<dyn FnMut() -> f64>,
     setup: u32,
@@ -38,13 +38,13 @@ struct Lines {
 }
 
 impl Lines {
-    fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         let text = "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,dir_x,dir_y,dir_z,moving,u_x,u_y,u_z,deviation_um\n";
         Self { text: text.to_owned(), noise: Box::new(normal(seed)), setup: 0, run: 0, t_s: 0.0 }
     }
 
     /// From `-end` to `end` and back, measured along `u`; `error` of position and direction of travel, um.
-    fn line(
+    pub(crate) fn line(
         &mut self,
         end: [f64; 3],
         u: [f64; 3],
@@ -76,7 +76,7 @@ impl Lines {
         }
     }
 
-    fn report(&self) -> Value {
+    pub(crate) fn report(&self) -> Value {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("lines.csv");
         std::fs::write(&path, &self.text).unwrap();
@@ -84,11 +84,11 @@ impl Lines {
     }
 }
 
-fn along(axis: usize, length: f64) -> [f64; 3] {
+pub(crate) fn along(axis: usize, length: f64) -> [f64; 3] {
     core::array::from_fn(|k| if k == axis { length } else { 0.0 })
 }
 
-fn declared(report: &Value) -> Vec<String> {
+pub(crate) fn declared(report: &Value) -> Vec<String> {
     let mut all = super::cli::declared(report);
     all.sort();
     all

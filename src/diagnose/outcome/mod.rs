@@ -119,17 +119,17 @@ fn day<'a>(
     Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), warmth: sum(&is_warm) }
 }
 
-/// The whitened gap beside what is declared. The variation of an effect that is not declared is no noise.
+/// The whitened gap beside what is declared. A discrepancy, and the variation of an effect that is not declared, are no noise.
 fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
     let given = a.problem.given(keep);
     let beta = a.problem.fit(&given);
     let mut left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
     let is_declared = |label: usize| keep.iter().any(|v| a.library.variants[*v].label == label);
-    if let Some(variation) = a.problem.variation()
-        && !variation.labels().all(is_declared)
-    {
-        variation.turn(&mut left, true);
-    }
+    let variation = a.problem.variation();
+    variation.iter().for_each(|v| v.noise.turn(&mut left, true));
+    a.problem.discrepancy().iter().for_each(|d| d.turn(&mut left, true));
+    let stays = variation.filter(|v| v.labels().all(is_declared));
+    stays.iter().for_each(|v| v.noise.turn(&mut left, false));
     left.iter().copied().collect()
 }
 

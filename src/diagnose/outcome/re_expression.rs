@@ -59,9 +59,7 @@ fn taken_out(session: &mut Session, a: &Analysis, without: &[Without]) -> (Libra
     take_signals(session, &mut removed);
     let white: Vec<f64> = a.noise.iter().map(|c| c.white_um).collect();
     let mut problem = Problem::new(session, &removed, &a.filter, &a.gap, &white);
-    if let Some(v) = a.problem.variation() {
-        problem.vary(Some(v.clone()));
-    }
+    problem.join(a.problem.discrepancy().cloned(), a.problem.variation().cloned());
     (removed, problem)
 }
 

@@ -154,7 +154,7 @@ pub fn figures(
     let plain = |part: &DVector<f64>| {
         let mut part = part.clone();
         if let Some(v) = problem.variation() {
-            v.turn(&mut part, true);
+            v.noise.turn(&mut part, true);
         }
         part
     };

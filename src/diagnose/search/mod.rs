@@ -2,7 +2,9 @@
 
 mod agreement;
 mod data_partition;
+mod discrepancy;
 mod figures;
+mod low_rank;
 mod pitch_search;
 mod pivot;
 mod pivoted_cholesky;
@@ -17,11 +19,13 @@ mod variation;
 
 pub use agreement::posterior_deviation;
 pub use data_partition::count_programs;
+pub use discrepancy::discrepancy;
 pub use figures::{FOLDS, Figures, figures, fold_of};
+pub use low_rank::LowRank;
 pub use pitch_search::find_pitches;
 pub use pivot::turn_about_pivots;
 pub use problem::{Given, Problem, RawColumns, raw_columns};
 pub use refine::{one_response_per_axis, refine};
 pub use rival_comparison::{challenge, one_worn_place};
-pub use select::{CURVES, Found, Selection, evidence, threshold};
+pub use select::{CURVES, Found, SWAP_GAIN, Selection, evidence, threshold};
 pub use variation::Variation;

@@ -11,6 +11,7 @@ use super::super::moment::{Axis, Moment, SLOTS, Signal};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::data_partition::{Places, blocks, programs};
+use super::low_rank::LowRank;
 use super::pivoted_cholesky::Factor;
 use super::variation::Variation;
 use volcomp_model::geometry::Vec3;
@@ -45,7 +46,9 @@ pub struct Problem {
     pub blocks: usize,
     /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
     pub precise: bool,
-    /// How far effects vary over the volume, whitened as noise is.
+    /// What varies smoothly over the volume and no effect describes, whitened as noise is.
+    discrepancy: Option<LowRank>,
+    /// How far effects vary over the volume, whitened beside it.
     variation: Option<Variation>,
     /// Products of the columns of a variant with all columns, computed when first needed.
     cross: BTreeMap<usize, DMatrix<f64>>,
@@ -185,6 +188,7 @@ impl Problem {
             block,
             blocks,
             precise,
+            discrepancy: None,
             variation: None,
             cross: BTreeMap::new(),
         }
@@ -270,13 +274,34 @@ impl Problem {
         self.variation.as_ref()
     }
 
+    /// What varies smoothly over the volume and no effect describes.
+    #[must_use]
+    pub const fn discrepancy(&self) -> Option<&LowRank> {
+        self.discrepancy.as_ref()
+    }
+
     /// Takes the variation of effects for noise, in the place of the one before.
     pub fn vary(&mut self, variation: Option<Variation>) {
+        let discrepancy = self.discrepancy.clone();
+        self.join(discrepancy, variation);
+    }
+
+    /// Takes a discrepancy and a variation of effects beside it for noise, in the place of those before.
+    pub fn join(&mut self, discrepancy: Option<LowRank>, variation: Option<Variation>) {
         if let Some(old) = self.variation.take() {
-            old.turn_all(&mut self.w, &mut self.y, true);
+            old.noise.turn_all(&mut self.w, &mut self.y, true);
+        }
+        if self.discrepancy != discrepancy {
+            if let Some(old) = self.discrepancy.take() {
+                old.turn_all(&mut self.w, &mut self.y, true);
+            }
+            if let Some(new) = &discrepancy {
+                new.turn_all(&mut self.w, &mut self.y, false);
+            }
+            self.discrepancy = discrepancy;
         }
         if let Some(new) = &variation {
-            new.turn_all(&mut self.w, &mut self.y, false);
+            new.noise.turn_all(&mut self.w, &mut self.y, false);
         }
         self.variation = variation;
         let mut square = vec![0.0; self.norm.len()];
@@ -310,11 +335,21 @@ impl Problem {
 
     /// Whitens columns, a row of `width` values per row of the problem, in place.
     pub fn whiten(&self, filter: &Filter, data: &mut [f64], width: usize) {
+        self.whiten_beside(filter, data, width);
+        self.whiten_by(self.variation.as_ref().map(|v| &v.noise), data, width);
+    }
+
+    /// The same without the variation of effects.
+    pub(super) fn whiten_beside(&self, filter: &Filter, data: &mut [f64], width: usize) {
         filter.apply(data, width);
-        let Some(v) = &self.variation else { return };
+        self.whiten_by(self.discrepancy.as_ref(), data, width);
+    }
+
+    fn whiten_by(&self, noise: Option<&LowRank>, data: &mut [f64], width: usize) {
+        let Some(noise) = noise else { return };
         for j in 0..width {
             let mut column = DVector::from_iterator(self.len(), data.iter().skip(j).step_by(width).copied());
-            v.apply(&mut column);
+            noise.apply(&mut column);
             data.iter_mut().skip(j).step_by(width).zip(column.iter()).for_each(|(d, c)| *d = *c);
         }
     }
@@ -435,7 +470,7 @@ impl Problem {
 fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f64> {
     let width: usize = shapes.iter().map(|s| s.width()).sum();
     let mut data = vec![0.0; rows.len() * width];
-    let mut out = [Vec3::zeros(); WIDTH_MAX];
+    let (mut out, mut at_zero) = ([Vec3::zeros(); WIDTH_MAX], [Vec3::zeros(); WIDTH_MAX]);
     // what a refined shape reads beyond the signals of the library
     let mut own: Vec<Signal> = shapes.iter().flat_map(|s| s.signals()).cloned().collect();
     own.retain(|s| session.signal(s).is_none());
@@ -459,6 +494,12 @@ fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f64> {
             let out = &mut out[..shape.width()];
             out.fill(Vec3::zeros());
             shape.evaluate_with(m, &at, out);
+            if let Some((zero, turn)) = session.ball_zero.as_ref().and_then(|z| z.at(*i)) {
+                let at_zero = &mut at_zero[..shape.width()];
+                at_zero.fill(Vec3::zeros());
+                shape.evaluate_with(&with_own(zero), &at, at_zero);
+                out.iter_mut().zip(&*at_zero).for_each(|(d, z)| *d -= turn * z);
+            }
             // the shorter one first: it must not take a value and then find that it is at its end
             for (d, value) in out.iter().zip(values.by_ref()) {
                 let seen = d.dot(&m.u);
@@ -541,6 +582,7 @@ impl Problem {
             block: vec![0; n],
             blocks: 1,
             precise: false,
+            discrepancy: None,
             variation: None,
             cross: BTreeMap::new(),
         }

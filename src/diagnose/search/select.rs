@@ -34,7 +34,7 @@ const STRAIGHT: &str = "scale";
 /// builds up and friction breaks loose is known no better.
 const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
 /// A swap must bring this much evidence.
-pub(super) const SWAP_GAIN: f64 = 0.5;
+pub const SWAP_GAIN: f64 = 0.5;
 
 /// Twice the logarithm of the Bayes factor of an effect.
 #[must_use]
@@ -161,11 +161,12 @@ impl Selection {
         (known.len()..all.len()).map(own).sum()
     }
 
-    /// Begins again with some variants, less those that are superfluous beside the others.
+    /// Begins again with some variants, less those that are superfluous beside the others or one in the place of two.
     pub fn restart(&mut self, problem: &mut Problem, library: &Library, chosen: &[usize]) {
         self.chosen = chosen.to_vec();
         self.banned.clear();
         self.one_curve.clear();
+        self.merge(problem, library);
         self.backward(problem, library);
     }
 

@@ -13,14 +13,13 @@ use super::super::library::legendre;
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
+use super::low_rank::{LowRank, TELLS};
 use super::problem::Problem;
 
 /// Variations that are tried, relative.
 const SHARES: [f64; 8] = [0.015, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25];
 /// Standard deviations that are taken off before an effect is said to grow.
 const GROWS: f64 = 2.0;
-/// Least variance of a direction that changes anything, 1 is the noise.
-const TELLS: f64 = 0.01;
 /// Coefficients by degree, as a share of the variation: a wave as long as the travel has about these.
 const DEGREES: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
 
@@ -51,10 +50,8 @@ impl Varying {
 pub struct Variation {
     /// The effects that were asked.
     effects: Vec<Varying>,
-    /// Orthonormal, one matrix row per row of the problem.
-    basis: DMatrix<f64>,
-    /// Variance along each, 1 is the noise.
-    variance: DVector<f64>,
+    /// What joins the noise.
+    pub(crate) noise: LowRank,
 }
 
 impl Variation {
@@ -84,14 +81,7 @@ impl Variation {
         }
         let left = Left::new(problem, chosen, &products);
         let share = left.most_likely()?;
-        let eigen = SymmetricEigen::new(products.tr_mul(&products));
-        let size = eigen.eigenvalues.map(|l| l.max(0.0));
-        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * share * share > TELLS).collect();
-        let mut basis = &products * eigen.eigenvectors.select_columns(&kept);
-        for (mut column, k) in basis.column_iter_mut().zip(&kept) {
-            column /= size[*k].sqrt();
-        }
-        let variance = DVector::from_iterator(kept.len(), kept.iter().map(|k| size[*k] * share * share));
+        let noise = LowRank::of(&products, share);
         let size_of = |degrees: &Vec<usize>| DEGREES[degrees.iter().sum::<usize>() - 1];
         let coefficients = left.terms(share);
         let single = left.single(&coefficients, powers.len());
@@ -109,7 +99,7 @@ impl Variation {
                 Varying { label, gain, rms, grows }
             })
             .collect();
-        Some(Self { effects, basis, variance })
+        Some(Self { effects, noise })
     }
 
     /// How much of each part would show if it varied along a line: the energy of its products with each linear axis, whitened.
@@ -136,42 +126,10 @@ impl Variation {
     pub fn labels(&self) -> impl Iterator<Item = usize> {
         self.effects.iter().map(|e| e.label)
     }
-
-    /// Logarithm of the determinant of what joins the noise.
-    #[must_use]
-    pub fn log_variance(&self) -> f64 {
-        self.variance.iter().map(|v| v.ln_1p()).sum()
-    }
-
-    /// Whitens a column in place, or what was whitened back again.
-    pub(crate) fn turn(&self, column: &mut DVector<f64>, back: bool) {
-        let mut along = self.basis.tr_mul(column);
-        along.component_mul_assign(&self.change(back));
-        column.gemv(1.0, &self.basis, &along, 1.0);
-    }
-
-    /// Whitens a column in place.
-    pub fn apply(&self, column: &mut DVector<f64>) {
-        self.turn(column, false);
-    }
-
-    fn change(&self, back: bool) -> DVector<f64> {
-        self.variance.map(|v| if back { (1.0 + v).sqrt() - 1.0 } else { 1.0 / (1.0 + v).sqrt() - 1.0 })
-    }
-
-    /// Whitens the columns of a problem (a matrix row each) in place, or back.
-    pub(super) fn turn_all(&self, w: &mut DMatrix<f64>, y: &mut DVector<f64>, back: bool) {
-        self.turn(y, back);
-        let mut along = &*w * &self.basis;
-        for (mut column, c) in along.column_iter_mut().zip(self.change(back).iter()) {
-            column *= *c;
-        }
-        w.gemm(1.0, &along, &self.basis.transpose(), 1.0);
-    }
 }
 
 /// Degrees in each of `n` axes of all products up to the highest degree, but the constant.
-fn powers(n: usize) -> Vec<Vec<usize>> {
+pub(super) fn powers(n: usize) -> Vec<Vec<usize>> {
     let mut all = vec![Vec::new()];
     for _ in 0..n {
         let more = |d: &Vec<usize>| {
@@ -186,9 +144,9 @@ fn powers(n: usize) -> Vec<Vec<usize>> {
 }
 
 /// A linear axis that moves, the middle and half of its way, mm.
-type Way = (Axis, f64, f64);
+pub(super) type Way = (Axis, f64, f64);
 
-fn ways(session: &Session, problem: &Problem) -> Vec<Way> {
+pub(super) fn ways(session: &Session, problem: &Problem) -> Vec<Way> {
     let linear = Axis::ALL.into_iter().filter(|a| a.is_linear());
     linear.filter_map(|a| problem.way(session, a).map(|(middle, half)| (a, middle, half))).collect()
 }
@@ -214,7 +172,7 @@ fn varying(
 }
 
 /// Whitened products of the parts with polynomials of the linear axes, a column each.
-fn products(
+pub(super) fn products(
     session: &Session,
     filter: &Filter,
     problem: &Problem,
@@ -242,7 +200,7 @@ fn products(
             }
         }
     }
-    filter.apply(&mut data, width);
+    problem.whiten_beside(filter, &mut data, width);
     Some(DMatrix::from_row_slice(problem.rows.len(), width, &data))
 }
 
@@ -343,23 +301,5 @@ mod tests {
                 assert!((mean - wanted).abs() < 1e-5, "{a} {b}: {mean}");
             }
         }
-    }
-
-    #[test]
-    fn what_varies_is_shrunk_to_unit_variance_and_what_does_not_stays() {
-        let v = Variation {
-            effects: Vec::new(),
-            basis: DMatrix::from_column_slice(3, 1, &[0.6, 0.8, 0.0]),
-            variance: DVector::from_element(1, 3.0),
-        };
-        let mut column = DVector::from_column_slice(&[0.6 * 2.0 - 0.8, 0.8 * 2.0 + 0.6, 5.0]);
-        let before = column.clone();
-        v.apply(&mut column);
-        // standard deviation 2 becomes 1 along the basis
-        let wanted = DVector::from_column_slice(&[0.6 - 0.8, 0.8 + 0.6, 5.0]);
-        assert!((&column - wanted).norm() < 1e-12, "{column}");
-        v.turn(&mut column, true);
-        assert!((column - before).norm() < 1e-12);
-        assert!((v.log_variance() - 4f64.ln()).abs() < 1e-12);
     }
 }

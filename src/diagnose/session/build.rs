@@ -69,6 +69,7 @@ impl Session {
             instruments: Vec::new(),
             setups: Vec::new(),
             reference_lines: Vec::new(),
+            ball_zero: None,
             runs: 0,
             axes: Axis::ALL
                 .into_iter()
@@ -195,7 +196,7 @@ impl Session {
                 repeat: repeat[i] as i64,
                 pair: None,
                 deviation_um: deviation[i],
-                predicted_um: 0.0,
+                prediction_um: Vec3::zeros(),
                 line: raw.lines[i],
                 is_marked: marked.is_some_and(|m| m[i] == 1.0),
             });

@@ -3,6 +3,7 @@
 //! Pure: the caller reads the files. Several files have a clock, setups and runs of their own each. What is missing is
 //! derived where the sampling allows ([`motion`]) and said in the notes; what looks wrong is refused ([`check`]).
 
+mod ball_zero;
 mod build;
 mod check;
 mod copies;
@@ -17,7 +18,9 @@ mod times;
 
 use super::constants::{MOVES, ROWS, SEES};
 use super::moment::{Axis, Machine, Moment, SLOTS, Signal};
+use volcomp_model::geometry::Vec3;
 
+pub use ball_zero::BallZero;
 pub use history::History;
 pub use times::Times;
 
@@ -213,8 +216,8 @@ pub struct Reading {
     pub pair: Option<usize>,
     /// Deviation measured, um.
     pub deviation_um: f64,
-    /// Deviation predicted, um.
-    pub predicted_um: f64,
+    /// Displacement predicted, in machine axes, um.
+    pub prediction_um: Vec3,
     /// Line in the file.
     pub line: u64,
     /// Marked as an outlier in the file (column `outlier`), such as a start-up outlier of a positioning test.
@@ -250,6 +253,8 @@ pub struct Session {
     pub setups: Vec<String>,
     /// Set-ups that are straightness tests of one axis: their reference line has an unknown slope against the axis.
     pub reference_lines: Vec<bool>,
+    /// Readings of an R-test count from the zero of the ball; none where they count as at the row, as far as known.
+    pub ball_zero: Option<BallZero>,
     /// Number of runs.
     pub runs: usize,
     /// The axes that have a column.
@@ -352,7 +357,13 @@ impl Session {
     /// Measured minus predicted, um.
     #[must_use]
     pub fn gap(&self) -> Vec<f64> {
-        self.readings.iter().map(|r| r.deviation_um - r.predicted_um).collect()
+        let predicted = |i: usize| self.readings[i].prediction_um;
+        let counted = |i: usize| match &self.ball_zero {
+            Some(zero) => zero.counted(i, predicted),
+            None => predicted(i),
+        };
+        let of = |i: usize| self.readings[i].deviation_um - counted(i).dot(&self.moments[i].u);
+        (0..self.readings.len()).map(of).collect()
     }
 
     /// Meaning of the time of a reading.

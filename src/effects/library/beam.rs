@@ -6,6 +6,10 @@ use crate::prelude::*;
 const LENGTHS: [f64; 3] = [1.0, 1.5, 2.5];
 const LONGEST: f64 = 3.0;
 
+/// Overhangs of a ram that is drawn in, as shares of its travel; the largest that is one.
+const OVERHANGS: [f64; 3] = [0.0, 0.25, 0.6];
+const OVERHANG_MAX: f64 = 1.0;
+
 /// Variants of `sag`.
 pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
     let axis = of.axis;
@@ -22,11 +26,19 @@ pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
             shapes.push(Sag { axis, start_mm: low, length_mm, tool, lever: under.filter(|_| tool) }.into());
         }
     }
-    let (start_mm, reach_mm) = (low.min(0.0), 2.0 * half);
-    shapes.extend(
-        [(false, false), (true, false), (true, true)]
-            .map(|(moment, beam)| Ram { axis, start_mm, reach_mm, lever: own, moment, beam }.into()),
-    );
+    // the drop is that of the zero of the machine or of the reference points
+    let across = Axis::LINEAR[1 - axis.direction()];
+    let mut levers = vec![own, data.arm(axis, across)];
+    levers.dedup();
+    // drawn in as far as it goes, a ram may hang over already
+    for start_mm in OVERHANGS.map(|o| if o > 0.0 { low - o * 2.0 * half } else { low.min(0.0) }) {
+        let reach_mm = low + 2.0 * half - start_mm;
+        for lever in levers.iter().copied() {
+            let rams = [(false, false), (true, false), (true, true)]
+                .map(|(moment, beam)| Ram { axis, start_mm, reach_mm, lever, moment, beam }.into());
+            shapes.extend(rams);
+        }
+    }
     data.structural(shapes)
 }
 
@@ -160,8 +172,23 @@ impl Form for Ram {
         Err("its slope turns the tool about a point that moves out with it, for which the model has no term")
     }
 
+    fn fixed(&self) -> Vec<(String, f64)> {
+        named(&[("reach_mm", self.reach_mm), ("start_mm", self.start_mm)])
+    }
+
     fn is_valid(&self) -> bool {
         self.reach_mm > 0.0
+    }
+
+    fn changed(&self, f: f64) -> Vec<Shape> {
+        let end_mm = self.start_mm + self.reach_mm;
+        let reach_mm = self.reach_mm * f;
+        vec![Self { start_mm: end_mm - reach_mm, reach_mm, ..self.clone() }.into()]
+    }
+
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
+        let [low, high] = span(self.axis);
+        (0.0..=OVERHANG_MAX * (high - low)).contains(&(low - self.start_mm))
     }
 
     fn over(&self) -> Option<Axis> {

@@ -1,0 +1,84 @@
+//! Noise of low rank beside what the filter whitens: variances along some orthonormal directions.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+/// Least variance of a direction that changes anything, 1 is the noise.
+pub(super) const TELLS: f64 = 0.01;
+
+/// Noise along some directions; whitening is `(1 + U U')^-1/2`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LowRank {
+    /// Orthonormal, one matrix row per row of the problem.
+    basis: DMatrix<f64>,
+    /// Variance along each, 1 is the noise.
+    variance: DVector<f64>,
+}
+
+impl LowRank {
+    /// The noise of columns whose coefficients are independent with the standard deviation `scale`.
+    pub(super) fn of(columns: &DMatrix<f64>, scale: f64) -> Self {
+        let eigen = SymmetricEigen::new(columns.tr_mul(columns));
+        let size = eigen.eigenvalues.map(|l| l.max(0.0));
+        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * scale * scale > TELLS).collect();
+        let mut basis = columns * eigen.eigenvectors.select_columns(&kept);
+        for (mut column, k) in basis.column_iter_mut().zip(&kept) {
+            column /= size[*k].sqrt();
+        }
+        let variance = DVector::from_iterator(kept.len(), kept.iter().map(|k| size[*k] * scale * scale));
+        Self { basis, variance }
+    }
+
+    /// Logarithm of the determinant of what joins the noise.
+    #[must_use]
+    pub fn log_variance(&self) -> f64 {
+        self.variance.iter().map(|v| v.ln_1p()).sum()
+    }
+
+    /// Whitens a column in place, or what was whitened back again.
+    pub(crate) fn turn(&self, column: &mut DVector<f64>, back: bool) {
+        let mut along = self.basis.tr_mul(column);
+        along.component_mul_assign(&self.change(back));
+        column.gemv(1.0, &self.basis, &along, 1.0);
+    }
+
+    /// Whitens a column in place.
+    pub fn apply(&self, column: &mut DVector<f64>) {
+        self.turn(column, false);
+    }
+
+    fn change(&self, back: bool) -> DVector<f64> {
+        self.variance.map(|v| if back { (1.0 + v).sqrt() - 1.0 } else { 1.0 / (1.0 + v).sqrt() - 1.0 })
+    }
+
+    /// Whitens the columns of a problem (a matrix row each) in place, or back.
+    pub(super) fn turn_all(&self, w: &mut DMatrix<f64>, y: &mut DVector<f64>, back: bool) {
+        self.turn(y, back);
+        let mut along = &*w * &self.basis;
+        for (mut column, c) in along.column_iter_mut().zip(self.change(back).iter()) {
+            column *= *c;
+        }
+        w.gemm(1.0, &along, &self.basis.transpose(), 1.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_varies_is_shrunk_to_unit_variance_and_what_does_not_stays() {
+        let v = LowRank {
+            basis: DMatrix::from_column_slice(3, 1, &[0.6, 0.8, 0.0]),
+            variance: DVector::from_element(1, 3.0),
+        };
+        let mut column = DVector::from_column_slice(&[0.6 * 2.0 - 0.8, 0.8 * 2.0 + 0.6, 5.0]);
+        let before = column.clone();
+        v.apply(&mut column);
+        // standard deviation 2 becomes 1 along the basis
+        let wanted = DVector::from_column_slice(&[0.6 - 0.8, 0.8 + 0.6, 5.0]);
+        assert!((&column - wanted).norm() < 1e-12, "{column}");
+        v.turn(&mut column, true);
+        assert!((column - before).norm() < 1e-12);
+        assert!((v.log_variance() - 4f64.ln()).abs() < 1e-12);
+    }
+}

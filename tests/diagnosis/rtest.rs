@@ -1,0 +1,117 @@
+//! R-tests: from where their readings count, on a machine made up here.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
+
+use std::fmt::Write as _;
+
+use nalgebra::{Rotation3, Vector3};
+use serde_json::Value;
+
+use super::instruments::{diagnose, parameter};
+use super::rough::declared;
+use crate::support::normal;
+
+/// A table under X, Y and Z.
+const TABLE: &str = "format = \"volcomp-model/1\"\nmachine = \"t\"\nchain = \"[w C' b X Y Z t]\"\n[frame]\ntool-tip-mm = [0.0, 0.0, 0.0]\n\
+    [axes.c]\npoint-mm = [300.0, 200.0, 0.0]\n";
+const CENTRE: [f64; 3] = [300.0, 200.0, 0.0];
+const NOISE_UM: f64 = 0.4;
+
+/// What is known of a campaign.
+#[derive(Clone, Copy)]
+struct Truth {
+    /// X is too long, um/mm.
+    scale: f64,
+    /// The table stands further along Y, um.
+    shift: f64,
+    /// Everything counts from where the ball was centred.
+    centred: bool,
+}
+
+/// Deviation of the tool against the table at a position and an angle of the table, um.
+fn deviation(truth: Truth, at: Vector3<f64>, turn: &Rotation3<f64>) -> Vector3<f64> {
+    let shift = Vector3::new(0.0, truth.shift, 0.0);
+    // the pieces on the table turn about its true axis, the control about where it believes it
+    Vector3::new(truth.scale * at.x, 0.0, 0.0) - (shift - turn * shift)
+}
+
+/// Lines of a laser along X and Y, and two balls on the table.
+fn campaign(seed: u64, truth: Truth) -> Value {
+    let mut noise = normal(seed);
+    let mut table =
+        "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,c_deg,u_x,u_y,u_z,target_x_mm,target_y_mm,target_z_mm,moving,deviation_um\n"
+            .to_owned();
+    let (mut t_s, mut run) = (0.0, 0);
+    for (setup, axis) in [(1, 0), (2, 1)] {
+        let offset = 4.0 * noise();
+        for repeat in 1..=5 {
+            run += 1;
+            for k in 0..21 {
+                t_s += 1.5 + 0.3 * f64::from(k % 3);
+                let mut at = Vector3::new(300.0, 200.0, 150.0);
+                at[axis] = 30.0 * f64::from(k) - 0.0;
+                let u: Vector3<f64> = Vector3::ith(axis, 1.0);
+                let d = deviation(truth, at, &Rotation3::identity()).dot(&u) + offset + NOISE_UM * noise();
+                writeln!(
+                    table,
+                    "{t_s:.1},laser,{setup},{run},{repeat},{:.3},{:.3},{:.3},0,{},{},{},,,,0,{d:.2}",
+                    at.x, at.y, at.z, u.x, u.y, u.z
+                )
+                .unwrap();
+            }
+        }
+    }
+    for (setup, ball) in [(3, Vector3::new(420.0, 200.0, 150.0)), (4, Vector3::new(300.0, 350.0, 90.0))] {
+        let offset = Vector3::from_fn(|_, _| 4.0 * noise());
+        for repeat in 1..=3 {
+            run += 1;
+            for k in 0..25 {
+                t_s += 2.0;
+                let c_deg = 15.0 * f64::from(k);
+                // a table that is commanded to +c turns by -c
+                let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -c_deg.to_radians());
+                let at = turn * (ball - Vector3::from(CENTRE)) + Vector3::from(CENTRE);
+                let zero = deviation(truth, ball, &Rotation3::identity());
+                let d =
+                    deviation(truth, at, &turn) - if truth.centred { turn * zero } else { Vector3::zeros() };
+                for axis in 0..3 {
+                    let u: Vector3<f64> = Vector3::ith(axis, 1.0);
+                    let value = d[axis] + offset[axis] + NOISE_UM * noise();
+                    writeln!(
+                        table,
+                        "{t_s:.1},r-test,{setup},{run},{repeat},{:.4},{:.4},{:.4},{c_deg},{},{},{},{},{},{},0,{value:.2}",
+                        at.x, at.y, at.z, u.x, u.y, u.z, ball.x, ball.y, ball.z
+                    )
+                    .unwrap();
+                }
+            }
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let (path, model) = (directory.path().join("campaign.csv"), directory.path().join("model.toml"));
+    std::fs::write(&path, table).unwrap();
+    std::fs::write(&model, TABLE).unwrap();
+    diagnose(&path, &["--model", &model.to_string_lossy()]).0
+}
+
+#[test]
+fn errors_of_the_linear_axes_are_no_location_of_the_table_wherever_the_ball_counts_from() {
+    for centred in [false, true] {
+        for (scale, shift) in [(0.04, 0.0), (0.0, 6.0), (0.04, 6.0)] {
+            let report = campaign(7, Truth { scale, shift, centred });
+            let expected: Vec<&str> = [("rotary-location:c", shift), ("scale:x", scale)]
+                .iter()
+                .filter(|e| e.1 != 0.0)
+                .map(|e| e.0)
+                .collect();
+            assert_eq!(declared(&report), expected, "centred: {centred}, scale {scale}, shift {shift}");
+            if scale > 0.0 {
+                let ppm = parameter(&report, "scale", "x", "scale_ppm");
+                assert!((ppm - 1e3 * scale).abs() < 2.0, "{ppm} ppm, centred: {centred}");
+                let notes = report["notes"].to_string();
+                assert_eq!(notes.contains("count from the centring of the ball"), centred, "{notes}");
+            }
+        }
+    }
+}
