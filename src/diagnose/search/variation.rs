@@ -21,7 +21,9 @@ const SHARES: [f64; 8] = [0.015, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25];
 /// Standard deviations that are taken off before an effect is said to grow.
 const GROWS: f64 = 2.0;
 /// Coefficients by degree, as a share of the variation: a wave as long as the travel has about these.
-const DEGREES: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
+const DEGREES: [f64; 8] = [1.0, 0.8, 0.6, 0.4, 0.3, 0.25, 0.2, 0.15];
+/// Highest degree of products over several axes.
+const DEGREE: usize = 4;
 
 /// What is known of one effect.
 #[derive(Debug, Clone, PartialEq)]
@@ -133,7 +135,7 @@ pub(super) fn powers(n: usize) -> Vec<Vec<usize>> {
     let mut all = vec![Vec::new()];
     for _ in 0..n {
         let more = |d: &Vec<usize>| {
-            let left = DEGREES.len() - d.iter().sum::<usize>();
+            let left = DEGREE - d.iter().sum::<usize>();
             let d = d.clone();
             (0..=left).map(move |k| d.iter().copied().chain([k]).collect::<Vec<usize>>())
         };
@@ -205,7 +207,7 @@ pub(super) fn products(
 }
 
 /// What the effects leave, seen by the products beside them.
-struct Left {
+pub(super) struct Left {
     /// Of the products without what the effects themselves can say.
     eigen: SymmetricEigen<f64, nalgebra::Dyn>,
     /// What is left along each of their directions.
@@ -218,7 +220,7 @@ struct Left {
 }
 
 impl Left {
-    fn new(problem: &Problem, chosen: &[usize], products: &DMatrix<f64>) -> Self {
+    pub(super) fn new(problem: &Problem, chosen: &[usize], products: &DMatrix<f64>) -> Self {
         let given = problem.given(chosen);
         let beta = problem.fit(&given);
         let left = &problem.y - problem.contribution(&given.columns, &beta);
@@ -244,7 +246,7 @@ impl Left {
     }
 
     /// Twice the logarithm of the likelihood that a variation gains.
-    fn gain(&self, share: f64) -> f64 {
+    pub(super) fn gain(&self, share: f64) -> f64 {
         let v = share * share / self.noise;
         let each = self.eigen.eigenvalues.iter().zip(self.along.iter());
         each.map(|(l, a)| {
