@@ -6,7 +6,7 @@
 //! as that of the noise is, and the products join the noise: whitening by a matrix of low rank, `(1 + U U')^-1/2`.
 //! Source: discrepancy as a process beside parameters (Kennedy, O'Hagan); `docs/explanation/diagnosis.md` (variation).
 
-use super::super::constants::STRONG;
+use super::super::constants::{DEGENERATE, STRONG};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::super::library::legendre;
@@ -227,9 +227,29 @@ impl Left {
         let own = problem.beside(&given, products);
         let (gram, seen) = (own.tr_mul(&own), own.tr_mul(&left));
         let noise = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
+        Self::of(gram, seen, noise)
+    }
+
+    /// Of products with each other and with what is left, whose mean square is `noise`.
+    fn of(gram: DMatrix<f64>, seen: DVector<f64>, noise: f64) -> Self {
         let eigen = SymmetricEigen::new(gram.clone());
         let along = eigen.eigenvectors.tr_mul(&seen);
         Self { eigen, along, noise, gram, seen }
+    }
+
+    /// Some of the products beside the rest of them, whatever the size of those.
+    pub(super) fn beside_rest(&self, some: &[usize]) -> Self {
+        let rest: Vec<usize> = (0..self.seen.len()).filter(|k| !some.contains(k)).collect();
+        let part = |rows: &[usize], columns: &[usize]| self.gram.select_rows(rows).select_columns(columns);
+        let known = part(&rest, &rest);
+        let most = known.diagonal().max();
+        let inverse = known
+            .pseudo_inverse(DEGENERATE * most)
+            .unwrap_or_else(|_| DMatrix::zeros(rest.len(), rest.len()));
+        let weights = part(some, &rest) * inverse;
+        let gram = part(some, some) - &weights * part(&rest, some);
+        let seen = self.seen.select_rows(some) - weights * self.seen.select_rows(&rest);
+        Self::of(gram, seen, self.noise)
     }
 
     /// The value of each product by itself and its standard deviation, once the products of the other effects (`each` of an
