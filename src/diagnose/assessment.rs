@@ -4,10 +4,7 @@
 use super::constants::{CURVE_SAME, HALF, INEXACT, NEARLY};
 use super::decision::Evidence;
 use super::library::{Label, Library, Shape};
-use super::search::{CURVES, Found, Problem, Selection, evidence, figures};
-
-/// What noise takes of the gain of a swapped effect, and the share that it must not take.
-const SAME_NOISE: f64 = 4.0;
+use super::search::{CURVES, Found, Problem, SAME_NOISE, Selection, evidence, figures};
 
 /// Collects the evidence of every chosen effect, whose columns are prepared.
 #[must_use]

@@ -36,6 +36,7 @@ pub(super) fn find_causes(
             search::challenge(problem, session, filter, library, selection, place);
         }
         search::turn_about_pivots(problem, session, filter, library, selection);
+        search::tilt_about_pivots(problem, session, filter, library, selection);
         selection.swap(problem, library);
         selection.search(problem, library);
         selection.single_out(problem, library);

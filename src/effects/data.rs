@@ -5,6 +5,7 @@ use crate::lever::Lever;
 use crate::machine_state::{Axis, Light, Machine, MachineState, SLOTS, Source};
 use crate::polynomial::stable_degree;
 use crate::shape::Shape;
+use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
 
 /// Smallest change of a temperature that its effects are looked for with, K.
@@ -155,6 +156,12 @@ impl Data {
             _ => self.machine.tool_tip_mm,
         };
         Lever { axes: self.machine.levers_of(axis), home_mm: home.into(), tool: self.tools }
+    }
+
+    /// From the nose to where levers with the tool begin, mm: to the tip of the model's tool where lengths are not stated.
+    pub(crate) fn below_nose(&self) -> Vec3 {
+        let nose = self.machine.gauge_point_mm.filter(|_| !self.tools);
+        nose.map_or_else(Vec3::zeros, |nose| self.machine.tool_tip_mm - nose)
     }
 
     /// What lies between the reference points of a linear axis and the tool, for its angular error about a direction.

@@ -7,6 +7,9 @@ use crate::shape::{Span, UM_PER_ARCSEC_MM};
 use volcomp_model::ModelSpec;
 use volcomp_model::geometry::{Vec3, unit};
 
+/// Step with which a pivot is looked for, mm.
+const PIVOT_STEP_MM: f64 = 1000.0;
+
 /// What lies between an angular error and the tool tip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -51,11 +54,17 @@ impl Lever {
         out.iter_mut().zip(turns_arcsec).for_each(|(o, v)| *o = arm * v);
     }
 
-    /// True where the pivot is no further from the tip than `most` of the longest travel in the data.
-    pub(crate) fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3], most: f64) -> bool {
-        let travels = Axis::LINEAR.into_iter().map(span).map(|[low, high]| high - low);
-        let longest = travels.fold(0.0, f64::max);
-        (0..3).all(|k| (self.home_mm[k] - tip_mm[k]).abs() <= most * longest)
+    /// Moves a coordinate of the pivot by the share of a step by which a factor differs from 1.
+    pub(crate) fn move_pivot(&mut self, k: usize, factor: f64) {
+        self.home_mm[k] += PIVOT_STEP_MM * (factor - 1.0);
+    }
+
+    /// True where the pivot is no further from the tip in the middle of the travels than `most` of the longest travel in the data.
+    pub(crate) fn is_within(&self, span: &Span<'_>, most: f64) -> bool {
+        let travels = Axis::LINEAR.map(span);
+        let longest = travels.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
+        let middle = |k: usize| if self.axes[k] { 0.5 * (travels[k][0] + travels[k][1]) } else { 0.0 };
+        (0..3).all(|k| (self.home_mm[k] + middle(k)).abs() <= most * longest)
     }
 
     /// The tip of the model's own tool, or what stands for it, at home, mm.

@@ -54,8 +54,10 @@ pub fn discrepancy(
     // what goes with the position of one axis has a name: positioning, straightness
     let is_nameless = |k: &usize| powers[k % powers.len()].iter().filter(|d| **d > 0).count() > 1;
     let nameless: Vec<usize> = (0..columns.ncols()).filter(is_nameless).collect();
-    let left = Left::new(problem, &selection.chosen, &columns).beside_rest(&nameless);
-    let scales = possible(&SCALES.map(|s| s * least_um), |s| left.gain(s));
+    let left = Left::new(problem, &selection.chosen, &columns);
+    let own = left.beside_rest(&nameless);
+    let scales = SCALES.map(|s| s * least_um);
+    let scales = possible(&possible(&scales, |s| left.gain(s)), |s| own.gain(s));
     let (scale, kept) = Sets::new(problem, library, selection, &columns).most_likely(&scales)?;
     Some((LowRank::of(&columns, scale), kept))
 }
@@ -64,7 +66,7 @@ pub fn discrepancy(
 fn possible(scales: &[f64], gain: impl Fn(f64) -> f64) -> Vec<f64> {
     let all: Vec<(f64, f64)> = scales.iter().map(|s| (*s, gain(*s))).collect();
     let most = all.iter().map(|s| s.1).fold(0.0, f64::max);
-    all.into_iter().filter(|s| most > CHI_SQUARE_95 && s.1 > most - CHI_SQUARE_95).map(|s| s.0).collect()
+    all.into_iter().filter(|s| s.1 > most - CHI_SQUARE_95).map(|s| s.0).collect()
 }
 
 /// Products of the columns of the effects chosen, the gap and the columns of a discrepancy.

@@ -9,7 +9,7 @@ use super::super::noise::Filter;
 use super::super::session::Session;
 use super::problem::Problem;
 use super::refine::{Beside, put};
-use super::select::{SWAP_GAIN, Selection, evidence};
+use super::select::{SAME_NOISE, SWAP_GAIN, Selection, evidence};
 
 /// By how much the pivot moves for a derivative, mm.
 const STEP_MM: f64 = 100.0;
@@ -94,6 +94,33 @@ pub fn turn_about_pivots(
         }
     }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Gives a tilt under acceleration a pivot of its own in the place of a compliance of the same axis along itself: about a point at its
+/// side, a tilt moves the tool along the axis, too.
+pub fn tilt_about_pivots(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    for tilt in selection.chosen.clone() {
+        let Shape::InertialTilt(shape) = library.variants[tilt].shape.clone() else { continue };
+        let is_along = |v: &usize| matches!(&library.variants[*v].shape, Shape::Inertial(i) if i.axis == shape.axis && i.along == shape.axis);
+        let Some(along) = selection.chosen.iter().copied().find(is_along) else { continue };
+        let others: Vec<usize> =
+            selection.chosen.iter().copied().filter(|v| ![tilt, along].contains(v)).collect();
+        let both = problem.given(&[&others[..], &[tilt, along]].concat()).explained
+            - problem.given(&others).explained;
+        let (gain, _, shape) = Beside::new(problem, &others).best(problem, session, filter, &shape.into());
+        // a pivot in the place of a compliance: as many parameters, one cause
+        if gain > both - SAME_NOISE {
+            put(problem, session, filter, library, tilt, shape);
+            selection.chosen = [&others[..], &[tilt]].concat();
+            selection.chosen.iter().for_each(|v| problem.prepare(*v));
+        }
+    }
 }
 
 /// The error about the pivot that explains most; `None` where the data know none.

@@ -33,6 +33,8 @@ const STRAIGHT: &str = "scale";
 /// Names of what happens at a reversal of an axis, and the share of the larger that the smaller must have: how lost motion
 /// builds up and friction breaks loose is known no better.
 const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
+/// What noise takes of the gain of a swapped effect.
+pub const SAME_NOISE: f64 = 4.0;
 /// A swap must bring this much evidence.
 pub const SWAP_GAIN: f64 = 0.5;
 

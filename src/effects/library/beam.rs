@@ -9,6 +9,8 @@ const LONGEST: f64 = 3.0;
 /// Overhangs of a ram that is drawn in, as shares of its travel; the largest that is one.
 const OVERHANGS: [f64; 3] = [0.0, 0.25, 0.6];
 const OVERHANG_MAX: f64 = 1.0;
+/// How far from the tool the point may lie about which the slope of a ram turns it, as a multiple of the longest travel.
+const PIVOT_MAX: f64 = 1.0;
 
 /// Variants of `sag`.
 pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
@@ -26,14 +28,13 @@ pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
             shapes.push(Sag { axis, start_mm: low, length_mm, tool, lever: under.filter(|_| tool) }.into());
         }
     }
-    // the drop is that of the zero of the machine or of the reference points
+    // the drop is that of the reference points or of the nose
     let across = Axis::LINEAR[1 - axis.direction()];
-    let mut levers = vec![own, data.arm(axis, across)];
-    levers.dedup();
+    let levers = [data.arm(axis, across), Lever { home_mm: data.below_nose().into(), ..own }];
     // drawn in as far as it goes, a ram may hang over already
     for start_mm in OVERHANGS.map(|o| if o > 0.0 { low - o * 2.0 * half } else { low.min(0.0) }) {
         let reach_mm = low + 2.0 * half - start_mm;
-        for lever in levers.iter().copied() {
+        for lever in levers {
             let rams = [(false, false), (true, false), (true, true)]
                 .map(|(moment, beam)| Ram { axis, start_mm, reach_mm, lever, moment, beam }.into());
             shapes.extend(rams);
@@ -103,7 +104,7 @@ impl Form for Sag {
         vec![with(self, |s| s.length_mm *= f)]
     }
 
-    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
+    fn is_within(&self, span: &Span<'_>) -> bool {
         let [low, high] = span(self.axis);
         self.length_mm <= LONGEST * (high - low)
     }
@@ -183,12 +184,15 @@ impl Form for Ram {
     fn changed(&self, f: f64) -> Vec<Shape> {
         let end_mm = self.start_mm + self.reach_mm;
         let reach_mm = self.reach_mm * f;
-        vec![Self { start_mm: end_mm - reach_mm, reach_mm, ..self.clone() }.into()]
+        let longer = Self { start_mm: end_mm - reach_mm, reach_mm, ..self.clone() }.into();
+        let moved = [self.axis.slot(), Axis::Z.slot()].map(|k| with(self, |s| s.lever.move_pivot(k, f)));
+        std::iter::once(longer).chain(moved).collect()
     }
 
-    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
+    fn is_within(&self, span: &Span<'_>) -> bool {
         let [low, high] = span(self.axis);
-        (0.0..=OVERHANG_MAX * (high - low)).contains(&(low - self.start_mm))
+        let hangs_over = (0.0..=OVERHANG_MAX * (high - low)).contains(&(low - self.start_mm));
+        hangs_over && self.lever.is_within(span, PIVOT_MAX)
     }
 
     fn over(&self) -> Option<Axis> {

@@ -3,9 +3,8 @@
 use crate::extend::{acceleration_term, steepest};
 use crate::prelude::*;
 
-/// Step with which the point about which a structure tilts is looked for, mm, and how far from the tool it may lie, as a
-/// multiple of the longest travel: about a point far away everything moves alike, which is another effect.
-const PIVOT_STEP_MM: f64 = 1000.0;
+/// How far from the tool the point may lie about which a structure tilts, as a multiple of the longest travel: about a point far away
+/// everything moves alike, which is another effect.
 const PIVOT_MAX: f64 = 0.5;
 /// mm/s^2 per m/s^2, and mm per m.
 const PER_M: f64 = 1e-3;
@@ -148,10 +147,10 @@ impl Form for InertialTilt {
 
     fn changed(&self, f: f64) -> Vec<Shape> {
         let slots = (0..3).filter(|k| self.about.iter().any(|b| b.direction() != *k));
-        slots.map(|k| with(self, |s| s.lever.home_mm[k] += PIVOT_STEP_MM * (f - 1.0))).collect()
+        slots.map(|k| with(self, |s| s.lever.move_pivot(k, f))).collect()
     }
 
-    fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3]) -> bool {
-        self.lever.is_within(span, tip_mm, PIVOT_MAX)
+    fn is_within(&self, span: &Span<'_>) -> bool {
+        self.lever.is_within(span, PIVOT_MAX)
     }
 }
