@@ -230,22 +230,15 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         if settled || round >= ROUNDS {
             // the control's own encoders see the servo, which depends on no place
             if !is_plain && !problem.precise {
-                tell(0.8, "effects that vary over the volume");
+                tell(0.8, "structure over the volume");
                 let least_um = white.iter().copied().fold(f64::INFINITY, f64::min);
-                spatial_variation::allow_for_discrepancy(
+                spatial_variation::allow_for_structure(
                     &mut problem,
                     session,
                     &filter,
                     &mut library,
                     &mut selection,
                     least_um,
-                );
-                spatial_variation::allow_for_variation(
-                    &mut problem,
-                    session,
-                    &filter,
-                    &mut library,
-                    &mut selection,
                 );
             }
             let blind = problem.unseen(&library);
@@ -292,14 +285,16 @@ fn counts_from_ball_zero(
         let mut problem = Problem::new(session, &library, filter, gap, white);
         selection.chosen.iter().for_each(|v| problem.prepare(*v));
         if search_again {
+            selection.merge(&mut problem, &library);
             let chosen = selection.chosen.clone();
             selection.restart(&mut problem, &library, &chosen);
             spatial_variation::find_causes(&mut problem, session, filter, &mut library, &mut selection);
         }
-        selection.evidence(&mut problem, &library) - problem.y.norm_squared()
+        (selection.evidence(&mut problem, &library) - problem.y.norm_squared(), selection.chosen.len())
     };
     let (now, then) = (score(session, gap, false), score(&counted, &counted.gap(), true));
-    then > now + search::SWAP_GAIN
+    // what takes further causes to say more may only be the misform of one
+    then.0 > now.0 + search::SWAP_GAIN && then.1 <= now.1
 }
 
 /// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid

@@ -47,9 +47,10 @@ pub(super) fn find_causes(
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
-/// Where structure that no effect describes varies smoothly over the volume, it joins the noise, and causes are looked for again,
-/// as long as this says more than what was found without it.
-pub(super) fn allow_for_discrepancy(
+/// Where what the effects leave varies smoothly over the volume, that joins the noise, and causes are looked for again: as the
+/// variation of effects that are not the same everywhere, or as a discrepancy that no effect describes, with variation beside it,
+/// where that says more. `least_um` is the white noise of the best instrument.
+pub(super) fn allow_for_structure(
     problem: &mut Problem,
     session: &Session,
     filter: &Filter,
@@ -58,18 +59,22 @@ pub(super) fn allow_for_discrepancy(
     least_um: f64,
 ) {
     let square = problem.y.norm_squared();
-    let Some((found, kept)) = search::discrepancy(session, filter, problem, library, selection, least_um)
-    else {
-        return;
-    };
-    let before = Found::of(problem, library, selection, square);
+    let found = search::discrepancy(session, filter, problem, library, selection, least_um);
+    let before = found.is_some().then(|| Found::of(problem, library, selection, square));
+    allow_for_variation(problem, session, filter, library, selection);
+    let (Some((found, kept)), Some(before)) = (found, before) else { return };
+    let varying = Found::of(problem, library, selection, square);
+    before.restore(problem, session, filter, library, selection);
     problem.join(Some(found), None);
     kept.iter().for_each(|v| problem.prepare(*v));
     selection.restart(problem, library, &kept);
     find_causes(problem, session, filter, library, selection);
+    allow_for_variation(problem, session, filter, library, selection);
     let now = Found::of(problem, library, selection, square);
-    if now.evidence < before.evidence + STRONG {
-        before.restore(problem, session, filter, library, selection);
+    // where neither says more, fewer causes do
+    let fewer = now.selection.chosen.len() < varying.selection.chosen.len();
+    if now.evidence < varying.evidence + if fewer { -STRONG } else { STRONG } {
+        varying.restore(problem, session, filter, library, selection);
     }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
@@ -104,7 +109,7 @@ fn by_energy(
 
 /// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again. It stays so as
 /// long as this says more than what was found before.
-pub(super) fn allow_for_variation(
+fn allow_for_variation(
     problem: &mut Problem,
     session: &Session,
     filter: &Filter,

@@ -54,10 +54,23 @@ impl RotaryFrame {
 
     /// A point in machine axes, taken back to where it was before the axes between the bed and this one turned.
     fn before_outer(&self, now: Vec3, m: &MachineState) -> Vec3 {
-        self.outer.iter().enumerate().fold(now, |x, (i, a)| {
-            let p = point(&self.outer_points_mm, i);
+        self.before((&self.outer, &self.outer_points_mm), now, m)
+    }
+
+    fn before(&self, (axes, points): (&[Axis], &[[f64; 3]]), now: Vec3, m: &MachineState) -> Vec3 {
+        axes.iter().enumerate().fold(now, |x, (i, a)| {
+            let p = point(points, i);
             p + self.turn(*a, m).transpose() * (x - p)
         })
+    }
+
+    /// Rotation of what the axis carries by the axes beyond it, and where the point `p` of [`Self::state`] was before, from the axis.
+    pub(super) fn carried_by(&self, p: Vec3, m: &MachineState) -> (Mat3, Vec3) {
+        let (turn, point) = (self.product(&self.inner, m), Vec3::from(self.point_mm));
+        if m.is_angular() {
+            return (turn, turn.transpose() * p);
+        }
+        (turn, self.before((&self.inner, &self.inner_points_mm), p + point, m) - point)
     }
 
     /// Rotation of what lies between bed and axis, own rotation, and the point before own rotation, from the axis.

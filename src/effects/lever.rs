@@ -59,12 +59,15 @@ impl Lever {
         self.home_mm[k] += PIVOT_STEP_MM * (factor - 1.0);
     }
 
-    /// True where the pivot is no further from the tip in the middle of the travels than `most` of the longest travel in the data.
+    /// True where the pivot is no further from where the travels in the data take the tip than `most` of the longest of them.
     pub(crate) fn is_within(&self, span: &Span<'_>, most: f64) -> bool {
         let travels = Axis::LINEAR.map(span);
         let longest = travels.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
-        let middle = |k: usize| if self.axes[k] { 0.5 * (travels[k][0] + travels[k][1]) } else { 0.0 };
-        (0..3).all(|k| (self.home_mm[k] + middle(k)).abs() <= most * longest)
+        (0..3).all(|k| {
+            let [low, high] = if self.axes[k] { travels[k] } else { [0.0; 2] };
+            let (nearest, farthest) = (self.home_mm[k] + low, self.home_mm[k] + high);
+            nearest <= most * longest && farthest >= -most * longest
+        })
     }
 
     /// The tip of the model's own tool, or what stands for it, at home, mm.

@@ -50,7 +50,7 @@ fn campaign(seed: u64, truth: Truth) -> Value {
             for k in 0..21 {
                 t_s += 1.5 + 0.3 * f64::from(k % 3);
                 let mut at = Vector3::new(300.0, 200.0, 150.0);
-                at[axis] = 30.0 * f64::from(k) - 0.0;
+                at[axis] = 30.0 * f64::from(k);
                 let u: Vector3<f64> = Vector3::ith(axis, 1.0);
                 let d = deviation(truth, at, &Rotation3::identity()).dot(&u) + offset + NOISE_UM * noise();
                 writeln!(
@@ -113,5 +113,61 @@ fn errors_of_the_linear_axes_are_no_location_of_the_table_wherever_the_ball_coun
                 assert_eq!(notes.contains("count from the centring of the ball"), centred, "{notes}");
             }
         }
+    }
+}
+
+/// C on A on the bed, as a swivelling table has them.
+const TRUNNION: &str = "format = \"volcomp-model/1\"\nmachine = \"t\"\nchain = \"[w C' A' b X Y Z t]\"\n[frame]\n\
+    tool-tip-mm = [0.0, 0.0, 0.0]\n[axes.a]\npoint-mm = [300.0, 200.0, -40.0]\n[axes.c]\npoint-mm = [300.0, 200.0, 0.0]\n";
+
+/// Where the two axes take a point on the table at home; a table that is commanded to + turns by -.
+fn swivelled(at: Vector3<f64>, a: f64, c: f64) -> Vector3<f64> {
+    let (on_a, on_c) = (Vector3::new(300.0, 200.0, -40.0), Vector3::from(CENTRE));
+    let turn = |about, angle: f64| Rotation3::from_axis_angle(&about, -angle);
+    turn(Vector3::x_axis(), a) * (turn(Vector3::z_axis(), c) * (at - on_c) + on_c - on_a) + on_a
+}
+
+#[test]
+fn the_location_of_a_swivel_carries_the_table_on_it_along() {
+    const SHIFT_MM: [f64; 3] = [0.0, 0.005, -0.004];
+    let mut noise = normal(11);
+    let mut table = "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,a_deg,c_deg,u_x,u_y,u_z,target_x_mm,target_y_mm,target_z_mm,moving,deviation_um\n".to_owned();
+    let mut t_s = 0.0;
+    for (setup, ball) in [(1, Vector3::new(400.0, 200.0, 60.0)), (2, Vector3::new(280.0, 300.0, 110.0))] {
+        let offset = Vector3::from_fn(|_, _| 4.0 * noise());
+        for (run, a_deg) in [0.0, -40.0, -20.0, 30.0, 0.0].into_iter().enumerate() {
+            for k in 0..20 {
+                t_s += 2.0;
+                let c_deg = 18.0 * f64::from(k);
+                let (a, c) = (f64::to_radians(a_deg), f64::to_radians(c_deg));
+                let at = swivelled(ball, a, c);
+                // both axes stand further along, and the ball was centred on the table as it stands
+                let shift = Vector3::from(SHIFT_MM);
+                let ball_is_at = swivelled(ball, a, c) + shift;
+                let centred = swivelled(ball + shift, a, c);
+                let d = 1e3 * (centred - ball_is_at);
+                for axis in 0..3 {
+                    let u: Vector3<f64> = Vector3::ith(axis, 1.0);
+                    let value = d[axis] + offset[axis] + NOISE_UM * noise();
+                    let run = run + 10 * setup;
+                    writeln!(
+                        table,
+                        "{t_s:.1},r-test,{setup},{run},1,{:.4},{:.4},{:.4},{a_deg},{c_deg},{},{},{},{},{},{},0,{value:.2}",
+                        at.x, at.y, at.z, u.x, u.y, u.z, ball.x, ball.y, ball.z
+                    )
+                    .unwrap();
+                }
+            }
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let (path, model) = (directory.path().join("swivel.csv"), directory.path().join("model.toml"));
+    std::fs::write(&path, table).unwrap();
+    std::fs::write(&model, TRUNNION).unwrap();
+    let report = diagnose(&path, &["--model", &model.to_string_lossy()]).0;
+    assert_eq!(declared(&report), ["rotary-location:a"]);
+    for (name, shift_mm) in [("shift_y_um", SHIFT_MM[1]), ("shift_z_um", SHIFT_MM[2])] {
+        let found = parameter(&report, "rotary-location", "a", name);
+        assert!((found - 1e3 * shift_mm).abs() < 0.3, "{name}: {found}");
     }
 }

@@ -163,12 +163,11 @@ impl Selection {
         (known.len()..all.len()).map(own).sum()
     }
 
-    /// Begins again with some variants, less those that are superfluous beside the others or one in the place of two.
+    /// Begins again with some variants, less those that are superfluous beside the others.
     pub fn restart(&mut self, problem: &mut Problem, library: &Library, chosen: &[usize]) {
         self.chosen = chosen.to_vec();
         self.banned.clear();
         self.one_curve.clear();
-        self.merge(problem, library);
         self.backward(problem, library);
     }
 
@@ -280,7 +279,7 @@ impl Selection {
     }
 
     /// One effect in the place of two, where it explains as much.
-    fn merge(&mut self, problem: &mut Problem, library: &Library) {
+    pub fn merge(&mut self, problem: &mut Problem, library: &Library) {
         let n = self.chosen.len();
         for a in 0..n {
             for b in a + 1..n {
@@ -408,7 +407,7 @@ impl Selection {
             let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
             let is_sure = |k: usize| beta[k].abs() > SURE * covariance[k * n + k].max(0.0).sqrt();
             match library.variants[variant].shape {
-                Shape::Ram(forms::Ram { moment: false, .. }) => {
+                Shape::Ram(_) => {
                     beta[j] * beta[j + 1] < 0.0 && is_sure(j) && is_sure(j + 1)
                 }
                 Shape::Sag(forms::Sag { tool: true, .. }) => is_sure(j + 1) && !is_sure(j),

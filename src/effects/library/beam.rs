@@ -185,8 +185,9 @@ impl Form for Ram {
         let end_mm = self.start_mm + self.reach_mm;
         let reach_mm = self.reach_mm * f;
         let longer = Self { start_mm: end_mm - reach_mm, reach_mm, ..self.clone() }.into();
-        let moved = [self.axis.slot(), Axis::Z.slot()].map(|k| with(self, |s| s.lever.move_pivot(k, f)));
-        std::iter::once(longer).chain(moved).collect()
+        // a moment at the end bends to so much that any pivot would do
+        let across = [self.axis.slot(), Axis::Z.slot()].into_iter().filter(|_| !self.moment);
+        std::iter::once(longer).chain(across.map(|k| with(self, |s| s.lever.move_pivot(k, f)))).collect()
     }
 
     fn is_within(&self, span: &Span<'_>) -> bool {

@@ -13,8 +13,9 @@ pub(super) fn rotary_location(data: &Data, of: &Subject) -> Variants {
         let stands = data.axes.contains(&of.axis);
         return if stands { Err("the axis stands still in these data".into()) } else { Ok(Vec::new()) };
     };
-    // where the head stands at the zero of the axis either counts as right, or is wrong with the axis
-    let kinds = [false, true].into_iter().filter(|tied: &bool| !tied || !frame.workpiece_side);
+    // what the axis carries either counts as right at its zero, or is wrong with it
+    let is_distinct = !frame.workpiece_side || !frame.inner.is_empty();
+    let kinds = [false, true].into_iter().filter(|tied: &bool| !tied || is_distinct);
     data.structural(kinds.map(|tied| RotaryLocation { frame: frame.clone(), tied }.into()).collect())
 }
 
@@ -42,8 +43,8 @@ pub(super) fn rotary_eccentricity(data: &Data, of: &Subject) -> Variants {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RotaryLocation {
     pub frame: RotaryFrame,
-    /// What the axis carries is wrong with it, at its zero, too (equations 1.9); shifts then show only on an axis that
-    /// another one turns.
+    /// What the axis carries is wrong with it, at its zero, too (equations 1.9). Of a head, shifts then show only on an axis that
+    /// another one turns. Of a table, the axes beyond it are carried along, and the workpiece was aligned with all axes at zero.
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     pub tied: bool,
 }
@@ -69,20 +70,27 @@ impl Form for RotaryLocation {
     }
 
     fn width(&self) -> usize {
-        if self.tied && self.frame.outer.is_empty() { 2 } else { 4 }
+        if self.tied && self.frame.outer.is_empty() && !self.frame.workpiece_side { 2 } else { 4 }
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         let (outer, own, p) = self.frame.state(m);
         let (sign, tilts) = (self.frame.sign(), self.width() - 2);
         // what is right at the zero of the axis is wrong by the same in the turned frame
-        let at_zero = if self.tied { Mat3::zeros() } else { own };
+        let (at_zero, home) = match (self.tied, self.frame.workpiece_side) {
+            (false, _) => (own, p),
+            (true, false) => (Mat3::zeros(), p),
+            (true, true) => {
+                let (inner, home) = self.frame.carried_by(p, m);
+                (own * inner, home)
+            }
+        };
         for (i, k) in self.across().into_iter().enumerate() {
             let l = unit(k);
             if tilts > 0 {
                 out[i] = outer * (l - at_zero * l) * sign;
             }
-            let d = l.cross(&(own * p)) - at_zero * l.cross(&p);
+            let d = l.cross(&(own * p)) - at_zero * l.cross(&home);
             out[tilts + i] = outer * d * (sign * UM_PER_ARCSEC_MM);
         }
     }
