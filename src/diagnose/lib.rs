@@ -293,8 +293,9 @@ fn counts_from_ball_zero(
         (selection.evidence(&mut problem, &library) - problem.y.norm_squared(), selection.chosen.len())
     };
     let (now, then) = (score(session, gap, false), score(&counted, &counted.gap(), true));
-    // what takes further causes to say more may only be the misform of one
-    then.0 > now.0 + search::SWAP_GAIN && then.1 <= now.1
+    // what takes as many causes to say a little more, or further ones, may only be the misform of one
+    let least = if then.1 < now.1 { search::SWAP_GAIN } else { SIGNIFICANT * SIGNIFICANT };
+    then.0 > now.0 + least && then.1 <= now.1
 }
 
 /// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid

@@ -59,6 +59,12 @@ impl Lever {
         self.home_mm[k] += PIVOT_STEP_MM * (factor - 1.0);
     }
 
+    /// True where the pivot is no further from the zero of the axes than `most` of the longest travel in the data.
+    pub(crate) fn is_from_zero(&self, span: &Span<'_>, tip_mm: [f64; 3], most: f64) -> bool {
+        let longest = Axis::LINEAR.map(span).iter().map(|[low, high]| high - low).fold(0.0, f64::max);
+        (0..3).all(|k| (self.home_mm[k] - tip_mm[k]).abs() <= most * longest)
+    }
+
     /// True where the pivot is no further from where the travels in the data take the tip than `most` of the longest of them.
     pub(crate) fn is_within(&self, span: &Span<'_>, most: f64) -> bool {
         let travels = Axis::LINEAR.map(span);

@@ -83,7 +83,7 @@ pub(crate) trait Form {
     }
 
     /// The same against the positions in the data and the place of the tool at home, mm.
-    fn is_within(&self, _span: &Span<'_>) -> bool {
+    fn is_within(&self, _span: &Span<'_>, _tip_mm: [f64; 3]) -> bool {
         true
     }
 
@@ -194,8 +194,8 @@ impl Shape {
     /// False where a parameter has left the range in which the data and the machine (tool tip at home, mm) let the effect be
     /// what its name says.
     #[must_use]
-    pub fn is_within(&self, span: &Span<'_>) -> bool {
-        self.form().is_within(span)
+    pub fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3]) -> bool {
+        self.form().is_within(span, tip_mm)
     }
 
     /// The direction of the deviation, where it is a single one.

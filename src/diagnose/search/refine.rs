@@ -63,7 +63,7 @@ pub(super) fn is_local(session: &Session, shape: &Shape) -> bool {
         let all = session.moments.iter().map(|m| m.position[axis.slot()]);
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)])
     };
-    shape.is_within(&span)
+    shape.is_within(&span, session.machine.tool_tip_mm.into())
 }
 
 /// The effects that stay, for what is compared beside them.

@@ -407,9 +407,7 @@ impl Selection {
             let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
             let is_sure = |k: usize| beta[k].abs() > SURE * covariance[k * n + k].max(0.0).sqrt();
             match library.variants[variant].shape {
-                Shape::Ram(_) => {
-                    beta[j] * beta[j + 1] < 0.0 && is_sure(j) && is_sure(j + 1)
-                }
+                Shape::Ram(_) => beta[j] * beta[j + 1] < 0.0 && is_sure(j) && is_sure(j + 1),
                 Shape::Sag(forms::Sag { tool: true, .. }) => is_sure(j + 1) && !is_sure(j),
                 _ => false,
             }

@@ -89,8 +89,8 @@ impl Form for Angular {
         rotation(model, entry, self.over, (self.about, Some(&self.lever)), Sampling::Even, &angle)
     }
 
-    fn is_within(&self, span: &Span<'_>) -> bool {
-        self.lever.is_within(span, PIVOT_MAX)
+    fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3]) -> bool {
+        self.lever.is_from_zero(span, tip_mm, PIVOT_MAX)
     }
 
     fn is_valid(&self) -> bool {

@@ -104,7 +104,7 @@ impl Form for Sag {
         vec![with(self, |s| s.length_mm *= f)]
     }
 
-    fn is_within(&self, span: &Span<'_>) -> bool {
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
         let [low, high] = span(self.axis);
         self.length_mm <= LONGEST * (high - low)
     }
@@ -190,7 +190,7 @@ impl Form for Ram {
         std::iter::once(longer).chain(across.map(|k| with(self, |s| s.lever.move_pivot(k, f)))).collect()
     }
 
-    fn is_within(&self, span: &Span<'_>) -> bool {
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
         let [low, high] = span(self.axis);
         let hangs_over = (0.0..=OVERHANG_MAX * (high - low)).contains(&(low - self.start_mm));
         hangs_over && self.lever.is_within(span, PIVOT_MAX)

@@ -115,7 +115,7 @@ impl Form for Cyclic {
         self.pitch_mm > 0.0
     }
 
-    fn is_within(&self, span: &Span<'_>) -> bool {
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
         let [low, high] = span(self.axis);
         catalogue().any(|p| ((high - low) * (1.0 / self.pitch_mm - 1.0 / p)).abs() <= SAME_PITCH)
     }

@@ -150,7 +150,7 @@ impl Form for InertialTilt {
         slots.map(|k| with(self, |s| s.lever.move_pivot(k, f))).collect()
     }
 
-    fn is_within(&self, span: &Span<'_>) -> bool {
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
         self.lever.is_within(span, PIVOT_MAX)
     }
 }

@@ -106,7 +106,7 @@ impl Form for Wear {
         is_within(POWERS, &self.power) && self.order.as_ref().is_none_or(|o| is_within(ORDERS, o))
     }
 
-    fn is_within(&self, span: &Span<'_>) -> bool {
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
         let [low, high] = span(self.axis);
         let depth = self.order.map_or(LN_2, |n| n * (1.0 - 0.5f64.powf(1.0 / n)));
         let half_mm = self.width_mm * (2.0 * depth).powf(1.0 / self.power);
