@@ -146,12 +146,16 @@ pub fn diagnose(
                 .to_owned(),
         ));
     }
-    let fresh = fresh.map(|fresh| {
-        fresh.ball_zero = session.ball_zero.as_ref().and_then(|_| BallZero::of(fresh));
-        fresh
-    });
+    let fresh = counted_alike(session, fresh);
     tell(0.85, "tests of the causes");
     outcome::conclude(session, fresh, options, &analysis, tell)
+}
+
+/// Fresh readings, counted as those of the session are.
+fn counted_alike<'a>(session: &Session, fresh: Option<&'a mut Session>) -> Option<&'a mut Session> {
+    let fresh = fresh?;
+    fresh.ball_zero = session.ball_zero.as_ref().and_then(|_| BallZero::of(fresh));
+    Some(fresh)
 }
 
 /// The length error of the ballbar by set-up in a campaign, um, where it is an effect that stands out: a constant of the set-up

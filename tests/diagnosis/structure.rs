@@ -1,7 +1,5 @@
 //! Smooth structure over the volume that no effect of the library describes, beside effects that it does: on a machine made up here.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use core::f64::consts::TAU;
 
 use super::instruments::parameter;
