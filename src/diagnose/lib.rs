@@ -222,8 +222,9 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
         spatial_variation::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
-        if round == 1 && counts_from_ball_zero(session, &library, (&filter, &gap, &white), &selection) {
-            session.ball_zero = BallZero::of(session);
+        if round == 1
+            && count_from_ball_zero(session, &mut problem, (&library, &selection), (&filter, &white))
+        {
             return analyse(session, options, tell);
         }
         let next = {
@@ -271,35 +272,38 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     }
 }
 
-/// True where all that the ball of an R-test shows counts from where the ball was centred: that says more of the gap than the state
-/// at each row does, from which the search has chosen.
-fn counts_from_ball_zero(
-    session: &Session,
-    library: &Library,
-    (filter, gap, white): (&Filter, &[f64], &[f64]),
-    selection: &Selection,
+/// Counts all that the ball of an R-test shows from where the ball was centred, where that says more of the gap than the state at
+/// each row does, for which `problem` and the selection stand; true where it does so from now on.
+fn count_from_ball_zero(
+    session: &mut Session,
+    problem: &mut Problem,
+    (library, selection): (&Library, &Selection),
+    (filter, white): (&Filter, &[f64]),
 ) -> bool {
-    let Some(zero) = BallZero::of(session).filter(|_| session.ball_zero.is_none() && !selection.is_plain)
-    else {
+    if session.ball_zero.is_some() || selection.is_plain {
         return false;
+    }
+    session.ball_zero = BallZero::of(session);
+    if session.ball_zero.is_none() {
+        return false;
+    }
+    let score = |problem: &mut Problem, library: &Library, selection: &Selection| {
+        (selection.evidence(problem, library) - problem.y.norm_squared(), selection.chosen.len())
     };
-    let counted = Session { ball_zero: Some(zero), ..session.clone() };
-    let score = |session: &Session, gap: &[f64], search_again: bool| {
-        let (mut library, mut selection) = (library.clone(), selection.clone());
-        let mut problem = Problem::new(session, &library, filter, gap, white);
-        selection.chosen.iter().for_each(|v| problem.prepare(*v));
-        if search_again {
-            selection.merge(&mut problem, &library);
-            let chosen = selection.chosen.clone();
-            selection.restart(&mut problem, &library, &chosen);
-            spatial_variation::find_causes(&mut problem, session, filter, &mut library, &mut selection);
-        }
-        (selection.evidence(&mut problem, &library) - problem.y.norm_squared(), selection.chosen.len())
-    };
-    let (now, then) = (score(session, gap, false), score(&counted, &counted.gap(), true));
+    let now = score(problem, library, selection);
+    let (mut library, mut selection) = (library.clone(), selection.clone());
+    let mut problem = Problem::new(session, &library, filter, &session.gap(), white);
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    selection.merge(&mut problem, &library);
+    let chosen = selection.chosen.clone();
+    selection.restart(&mut problem, &library, &chosen);
+    spatial_variation::find_causes(&mut problem, session, filter, &mut library, &mut selection);
+    let then = score(&mut problem, &library, &selection);
     // what takes as many causes to say a little more, or further ones, may only be the misform of one
     let least = if then.1 < now.1 { search::SWAP_GAIN } else { SIGNIFICANT * SIGNIFICANT };
-    then.0 > now.0 + least && then.1 <= now.1
+    let counts = then.0 > now.0 + least && then.1 <= now.1;
+    session.ball_zero.take_if(|_| !counts);
+    counts
 }
 
 /// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid

@@ -61,14 +61,14 @@ impl Lever {
 
     /// True where the pivot is no further from the zero of the axes than `most` of the longest travel in the data.
     pub(crate) fn is_from_zero(&self, span: &Span<'_>, tip_mm: [f64; 3], most: f64) -> bool {
-        let longest = Axis::LINEAR.map(span).iter().map(|[low, high]| high - low).fold(0.0, f64::max);
+        let longest = longest(&Axis::LINEAR.map(span));
         (0..3).all(|k| (self.home_mm[k] - tip_mm[k]).abs() <= most * longest)
     }
 
     /// True where the pivot is no further from where the travels in the data take the tip than `most` of the longest of them.
     pub(crate) fn is_within(&self, span: &Span<'_>, most: f64) -> bool {
         let travels = Axis::LINEAR.map(span);
-        let longest = travels.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
+        let longest = longest(&travels);
         (0..3).all(|k| {
             let [low, high] = if self.axes[k] { travels[k] } else { [0.0; 2] };
             let (nearest, farthest) = (self.home_mm[k] + low, self.home_mm[k] + high);
@@ -89,4 +89,8 @@ impl Lever {
     pub(crate) fn columns(&self) -> Option<String> {
         self.tool.then(|| "tool_length_mm".to_owned())
     }
+}
+
+fn longest(travels: &[[f64; 2]]) -> f64 {
+    travels.iter().map(|[low, high]| high - low).fold(0.0, f64::max)
 }

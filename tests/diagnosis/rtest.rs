@@ -75,23 +75,44 @@ fn campaign(seed: u64, truth: Truth) -> Value {
                 let zero = deviation(truth, ball, &Rotation3::identity());
                 let d =
                     deviation(truth, at, &turn) - if truth.centred { turn * zero } else { Vector3::zeros() };
-                for axis in 0..3 {
-                    let u: Vector3<f64> = Vector3::ith(axis, 1.0);
-                    let value = d[axis] + offset[axis] + NOISE_UM * noise();
-                    writeln!(
-                        table,
-                        "{t_s:.1},r-test,{setup},{run},{repeat},{:.4},{:.4},{:.4},{c_deg},{},{},{},{},{},{},0,{value:.2}",
-                        at.x, at.y, at.z, u.x, u.y, u.z, ball.x, ball.y, ball.z
-                    )
-                    .unwrap();
-                }
+                let value = d + offset + Vector3::from_fn(|_, _| NOISE_UM * noise());
+                rows(
+                    &mut table,
+                    &format!("{t_s:.1},r-test,{setup},{run},{repeat}"),
+                    (at, &format!("{c_deg}")),
+                    ball,
+                    value,
+                );
             }
         }
     }
+    report(table, TABLE)
+}
+
+/// The three readings of a ball.
+fn rows(
+    table: &mut String,
+    begin: &str,
+    (at, turned_deg): (Vector3<f64>, &str),
+    ball: Vector3<f64>,
+    value: Vector3<f64>,
+) {
+    for axis in 0..3 {
+        let u: Vector3<f64> = Vector3::ith(axis, 1.0);
+        writeln!(
+            table,
+            "{begin},{:.4},{:.4},{:.4},{turned_deg},{},{},{},{},{},{},0,{:.2}",
+            at.x, at.y, at.z, u.x, u.y, u.z, ball.x, ball.y, ball.z, value[axis]
+        )
+        .unwrap();
+    }
+}
+
+fn report(table: String, machine: &str) -> Value {
     let directory = tempfile::tempdir().unwrap();
     let (path, model) = (directory.path().join("campaign.csv"), directory.path().join("model.toml"));
     std::fs::write(&path, table).unwrap();
-    std::fs::write(&model, TABLE).unwrap();
+    std::fs::write(&model, machine).unwrap();
     diagnose(&path, &["--model", &model.to_string_lossy()]).0
 }
 
@@ -146,25 +167,19 @@ fn the_location_of_a_swivel_carries_the_table_on_it_along() {
                 let ball_is_at = swivelled(ball, a, c) + shift;
                 let centred = swivelled(ball + shift, a, c);
                 let d = 1e3 * (centred - ball_is_at);
-                for axis in 0..3 {
-                    let u: Vector3<f64> = Vector3::ith(axis, 1.0);
-                    let value = d[axis] + offset[axis] + NOISE_UM * noise();
-                    let run = run + 10 * setup;
-                    writeln!(
-                        table,
-                        "{t_s:.1},r-test,{setup},{run},1,{:.4},{:.4},{:.4},{a_deg},{c_deg},{},{},{},{},{},{},0,{value:.2}",
-                        at.x, at.y, at.z, u.x, u.y, u.z, ball.x, ball.y, ball.z
-                    )
-                    .unwrap();
-                }
+                let value = d + offset + Vector3::from_fn(|_, _| NOISE_UM * noise());
+                let run = run + 10 * setup;
+                rows(
+                    &mut table,
+                    &format!("{t_s:.1},r-test,{setup},{run},1"),
+                    (at, &format!("{a_deg},{c_deg}")),
+                    ball,
+                    value,
+                );
             }
         }
     }
-    let directory = tempfile::tempdir().unwrap();
-    let (path, model) = (directory.path().join("swivel.csv"), directory.path().join("model.toml"));
-    std::fs::write(&path, table).unwrap();
-    std::fs::write(&model, TRUNNION).unwrap();
-    let report = diagnose(&path, &["--model", &model.to_string_lossy()]).0;
+    let report = report(table, TRUNNION);
     assert_eq!(declared(&report), ["rotary-location:a"]);
     for (name, shift_mm) in [("shift_y_um", SHIFT_MM[1]), ("shift_z_um", SHIFT_MM[2])] {
         let found = parameter(&report, "rotary-location", "a", name);

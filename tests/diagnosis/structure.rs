@@ -22,7 +22,7 @@ fn field(seed: u64, size_um: f64) -> impl Fn([f64; 3]) -> [f64; 3] {
     }
 }
 
-/// Lines through the middle: along the axes and the diagonals of faces and volume, measured along and across themselves.
+/// Lines through the middle: along the axes and the diagonals of faces and volume, measured along themselves.
 fn campaign(seed: u64, error: &dyn Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Lines {
     let mut lines = Lines::new(seed);
     let sign = |k: i32, place: i32| f64::from(k / 3_i32.pow(place as u32) % 3 - 1);

@@ -17,7 +17,7 @@ use super::low_rank::LowRank;
 use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
 use super::select::{Selection, evidence};
-use super::variation::{Left, powers, products, ways};
+use super::variation::{DEGREE, DEGREES, Left, powers, products, ways};
 
 /// Standard deviations of the coefficients that are tried, in those of the white noise of the best instrument.
 const SCALES: [f64; 8] = [0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
@@ -38,11 +38,9 @@ pub fn discrepancy(
 ) -> Option<(LowRank, Vec<usize>)> {
     let ways = ways(session, problem);
     let mut powers = powers(ways.len());
-    for degree in 5..=8 {
-        powers.extend(
-            (0..ways.len())
-                .map(|k| (0..ways.len()).map(|j| if j == k { degree } else { 0 }).collect::<Vec<_>>()),
-        );
+    for degree in DEGREE + 1..=DEGREES.len() {
+        let of_one = |k: usize| (0..ways.len()).map(|j| if j == k { degree } else { 0 }).collect::<Vec<_>>();
+        powers.extend((0..ways.len()).map(of_one));
     }
     let sees = |m: &Moment| !m.is_angular() && !m.is_encoder;
     let along = |d: usize| -> Vec<f64> {
@@ -62,7 +60,7 @@ pub fn discrepancy(
     Some((LowRank::of(&columns, scale), kept))
 }
 
-/// The sizes that the readings allow, where they ask for one at all. `gain` is twice the logarithm of the likelihood that a size gains.
+/// The sizes inside the interval of 95 % that the readings leave. `gain` is twice the logarithm of the likelihood that a size gains.
 fn possible(scales: &[f64], gain: impl Fn(f64) -> f64) -> Vec<f64> {
     let all: Vec<(f64, f64)> = scales.iter().map(|s| (*s, gain(*s))).collect();
     let most = all.iter().map(|s| s.1).fold(0.0, f64::max);

@@ -21,9 +21,9 @@ const SHARES: [f64; 8] = [0.015, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25];
 /// Standard deviations that are taken off before an effect is said to grow.
 const GROWS: f64 = 2.0;
 /// Coefficients by degree, as a share of the variation: a wave as long as the travel has about these.
-const DEGREES: [f64; 8] = [1.0, 0.8, 0.6, 0.4, 0.3, 0.25, 0.2, 0.15];
+pub(super) const DEGREES: [f64; 8] = [1.0, 0.8, 0.6, 0.4, 0.3, 0.25, 0.2, 0.15];
 /// Highest degree of products over several axes.
-const DEGREE: usize = 4;
+pub(super) const DEGREE: usize = 4;
 
 /// What is known of one effect.
 #[derive(Debug, Clone, PartialEq)]
