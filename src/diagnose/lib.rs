@@ -293,7 +293,7 @@ fn count_from_ball_zero(
     let now = score(problem, library, selection);
     let (mut library, mut selection) = (library.clone(), selection.clone());
     let mut problem = Problem::new(session, &library, filter, &session.gap(), white);
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&selection.chosen);
     selection.merge(&mut problem, &library);
     let chosen = selection.chosen.clone();
     selection.restart(&mut problem, &library, &chosen);
@@ -367,7 +367,7 @@ fn compared(
         let beside = if jointly { &ordered[..] } else { &ordered[..=k] };
         search::refine(&mut problem, session, &filter, &mut library, beside, k);
     }
-    chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(chosen);
     let grid = library.by_label().iter().map(Vec::len).collect();
     let blind = problem.unseen(&library);
     library.blind.extend(blind);

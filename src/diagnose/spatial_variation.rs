@@ -44,7 +44,7 @@ pub(super) fn find_causes(
         selection.absorb(problem, library);
     }
     // what was refined has new columns
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&selection.chosen);
 }
 
 /// Where what the effects leave varies smoothly over the volume, that joins the noise, and causes are looked for again: as the
@@ -66,7 +66,7 @@ pub(super) fn allow_for_structure(
     let varying = Found::of(problem, library, selection, square);
     before.restore(problem, session, filter, library, selection);
     problem.join(Some(found), None);
-    kept.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&kept);
     selection.restart(problem, library, &kept);
     find_causes(problem, session, filter, library, selection);
     allow_for_variation(problem, session, filter, library, selection);
@@ -76,7 +76,7 @@ pub(super) fn allow_for_structure(
     if now.evidence < varying.evidence + if fewer { -STRONG } else { STRONG } {
         varying.restore(problem, session, filter, library, selection);
     }
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&selection.chosen);
 }
 
 /// Share of the energy of the largest from which effects are asked whether they vary, and the most that are asked.
@@ -120,7 +120,7 @@ fn allow_for_variation(
     let mut best = Found::of(problem, library, selection, square);
     let mut core = selection.chosen.clone();
     for (search_again, share) in [(true, LITTLE), (true, 0.0), (false, 0.0)] {
-        core.iter().for_each(|v| problem.prepare(*v));
+        problem.prepare(&core);
         let all = by_energy((session, filter, problem, library), &core, share);
         core = all.iter().map(|c| c.variant).collect();
         let least = ASKED * all.first().map_or(0.0, |c| c.energy);
@@ -128,7 +128,7 @@ fn allow_for_variation(
         let parts: Vec<Vec<f64>> = asked.map(|c| c.part).collect();
         if problem.variation().is_some() {
             problem.vary(None);
-            core.iter().for_each(|v| problem.prepare(*v));
+            problem.prepare(&core);
         }
         let of = |v: usize| {
             let variant = &library.variants[v];
@@ -141,7 +141,7 @@ fn allow_for_variation(
             break;
         };
         problem.vary(Some(found));
-        selection.chosen.iter().for_each(|v| problem.prepare(*v));
+        problem.prepare(&selection.chosen);
         if search_again {
             selection.restart(problem, library, &core);
             find_causes(problem, session, filter, library, selection);
@@ -154,7 +154,7 @@ fn allow_for_variation(
         best = now;
         core.clone_from(&selection.chosen);
     }
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&selection.chosen);
 }
 
 /// The zeros of curves among the first of the effects chosen, one for each of the `parts`: the mounting hides where a

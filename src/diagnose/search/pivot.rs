@@ -65,7 +65,7 @@ pub fn turn_about_pivots(
                 sloped.max_by(|a, b| value(a).total_cmp(&value(b))).unwrap_or(*own)
             })
             .collect();
-        sloped.iter().for_each(|v| problem.prepare(*v));
+        problem.prepare(&sloped);
         let [plain, sloped] =
             [&group, &sloped].map(|some| selection.evidence_beside(problem, library, &others, some));
         let now = plain.max(sloped);
@@ -93,7 +93,7 @@ pub fn turn_about_pivots(
             in_vain = tried;
         }
     }
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&selection.chosen);
 }
 
 /// Gives a tilt under acceleration a pivot of its own in the place of a compliance of the same axis along itself: about a point at its
@@ -118,7 +118,7 @@ pub fn tilt_about_pivots(
         if gain > both - SAME_NOISE {
             put(problem, session, filter, library, tilt, shape);
             selection.chosen = [&others[..], &[tilt]].concat();
-            selection.chosen.iter().for_each(|v| problem.prepare(*v));
+            problem.prepare(&selection.chosen);
         }
     }
 }

@@ -1,20 +1,20 @@
 //! The whitened problem: every candidate column and the gap as independent innovations of unit variance.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{BLOCKS_MIN, MOVES, SEEN};
-use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
-use super::super::moment::{Axis, Moment, SLOTS, Signal};
+use super::super::library::{Blind, Library, Shape};
+use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::data_partition::{Places, blocks, programs};
 use super::low_rank::LowRank;
 use super::pivoted_cholesky::Factor;
+use super::raw_columns::{RawColumns, raw, raw_columns};
 use super::variation::Variation;
-use volcomp_model::geometry::Vec3;
 
 /// Readings, columns and what was computed of them.
 pub struct Problem {
@@ -52,50 +52,6 @@ pub struct Problem {
     variation: Option<Variation>,
     /// Products of the columns of a variant with all columns, computed when first needed.
     cross: BTreeMap<usize, DMatrix<f64>>,
-}
-
-/// Raw columns of a library, um per unit of each parameter, a row of values per reading.
-pub fn raw_columns(session: &Session, library: &Library, rows: &[usize]) -> Vec<f64> {
-    let shapes: Vec<&Shape> = library.variants.iter().map(|v| &v.shape).collect();
-    raw(session, rows, &shapes)
-}
-
-/// Most values of raw columns that are kept: 256 MB.
-const KEPT_MAX: usize = 1 << 25;
-
-/// Raw columns that are the same from one round to the next.
-#[derive(Debug, Clone, Default)]
-pub struct RawColumns {
-    shapes: Vec<Shape>,
-    data: Vec<f64>,
-}
-
-impl RawColumns {
-    /// The columns of a library at the same rows as before; only those of new shapes are computed.
-    fn of(&mut self, session: &Session, library: &Library, rows: &[usize]) -> Vec<f64> {
-        let width = library.width();
-        if self.data.len() != rows.len() * width || self.shapes.len() != library.variants.len() {
-            let data = raw_columns(session, library, rows);
-            if data.len() <= KEPT_MAX {
-                self.shapes = library.variants.iter().map(|v| v.shape.clone()).collect();
-                self.data.clone_from(&data);
-            }
-            return data;
-        }
-        let mut at = 0;
-        for (known, v) in self.shapes.iter_mut().zip(&library.variants) {
-            let k = v.shape.width();
-            if *known != v.shape {
-                let own = raw(session, rows, &[&v.shape]);
-                for (row, values) in self.data.chunks_exact_mut(width).zip(own.chunks_exact(k)) {
-                    row[at..at + k].copy_from_slice(values);
-                }
-                *known = v.shape.clone();
-            }
-            at += k;
-        }
-        self.data.clone()
-    }
 }
 
 impl Problem {
@@ -139,36 +95,22 @@ impl Problem {
         }
         filter.apply(&mut data, width);
         let mut w = DMatrix::from_vec(width, rows.len(), data);
-        let mut square = vec![0.0; width];
-        for column in w.column_iter() {
-            for (s, v) in square.iter_mut().zip(column.iter()) {
-                *s += v * v;
-            }
-        }
-        let norm: Vec<f64> = square
-            .iter()
-            .zip(&before)
-            .map(|(s, b)| if *s > 1e-9 * b && *s > 0.0 { s.sqrt() } else { 0.0 })
-            .collect();
-        let scale: Vec<f64> = norm.iter().map(|n| if *n > 0.0 { 1.0 / n } else { 0.0 }).collect();
-        for mut column in w.column_iter_mut() {
-            for (v, s) in column.iter_mut().zip(&scale) {
-                *v *= s;
-            }
-        }
         let mut span = Vec::with_capacity(library.variants.len());
-        let mut seen = Vec::with_capacity(library.variants.len());
         let mut at = 0;
         for v in &library.variants {
             let k = v.shape.width();
             span.push((at, k));
-            let (s, b): (f64, f64) = (square[at..at + k].iter().sum(), before[at..at + k].iter().sum());
-            seen.push(if b > 0.0 { s / b } else { 0.0 });
             at += k;
         }
         let y = DVector::from_vec(filter.column(gap));
-        let b = &w * &y;
-        let own = own_grams(&w, &span);
+        let Scaled { length, b, own } =
+            Scaled::to_unit_length(&mut w, &y, &span, |j, square| square > 1e-9 * before[j]);
+        let share = |(at, k): &(usize, usize)| {
+            let left: f64 = length[*at..at + k].iter().map(|l| l * l).sum();
+            let all: f64 = before[*at..at + k].iter().sum();
+            if all > 0.0 { left / all } else { 0.0 }
+        };
+        let seen = span.iter().map(share).collect();
         let (cell, cells) = programs(session, &rows);
         let places = (0..=SLOTS).map(|own| Places::new(session, &rows, &cell, own)).collect();
         let (block, blocks) = blocks(session, &rows, BLOCKS_MIN);
@@ -178,7 +120,7 @@ impl Problem {
             y,
             w,
             span,
-            norm,
+            norm: length,
             seen,
             b,
             own,
@@ -233,20 +175,39 @@ impl Problem {
         self.rows.is_empty()
     }
 
-    /// Products of the columns of a variant with all columns.
-    pub fn prepare(&mut self, variant: usize) {
-        if self.cross.contains_key(&variant) {
+    /// Products of the columns of some variants with all columns, in one pass over the columns.
+    pub fn prepare(&mut self, variants: &[usize]) {
+        let mut missing: Vec<usize> =
+            variants.iter().copied().filter(|v| !self.cross.contains_key(v)).collect();
+        missing.sort_unstable();
+        missing.dedup();
+        let columns: Vec<usize> = missing.iter().flat_map(|v| self.columns(*v)).collect();
+        if columns.is_empty() {
             return;
         }
-        let (at, k) = self.span[variant];
-        let own = self.w.rows(at, k).transpose();
-        let product = &self.w * own;
-        self.cross.insert(variant, product);
+        let mut products = DMatrix::zeros(self.b.len(), columns.len());
+        for row in self.w.column_iter() {
+            let row = row.as_slice();
+            for (mut product, c) in products.column_iter_mut().zip(&columns) {
+                let own = row[*c];
+                // most effects act in some of the programs
+                if own != 0.0 {
+                    product.as_mut_slice().iter_mut().zip(row).for_each(|(p, v)| *p += own * v);
+                }
+            }
+        }
+        let mut at = 0;
+        for v in missing {
+            let k = self.span[v].1;
+            self.cross.insert(v, products.columns(at, k).into_owned());
+            at += k;
+        }
     }
 
-    /// After the columns of a variant have changed.
-    fn forget(&mut self) {
-        self.cross.clear();
+    /// The columns of a variant.
+    fn columns(&self, variant: usize) -> Range<usize> {
+        let (at, k) = self.span[variant];
+        at..at + k
     }
 
     /// Puts another shape in the place of a variant.
@@ -261,11 +222,16 @@ impl Problem {
                 self.w[(at + j, i)] = v * scale;
             }
         }
-        for j in at..at + k {
-            self.b[j] = self.w.row(j).iter().zip(self.y.iter()).map(|(a, b)| a * b).sum();
+        let changed = self.w.rows(at, k).transpose();
+        self.b.rows_mut(at, k).copy_from(&changed.tr_mul(&self.y));
+        self.own[variant] = changed.tr_mul(&changed).as_slice().to_vec();
+        // of the products of the others those with these columns alone are new
+        self.cross.remove(&variant);
+        for (other, products) in &mut self.cross {
+            let (first, n) = self.span[*other];
+            let others = self.w.rows(first, n).transpose();
+            products.rows_mut(at, k).copy_from(&changed.tr_mul(&others));
         }
-        self.own[variant] = own_grams(&self.w, &self.span[variant..=variant]).swap_remove(0);
-        self.forget();
     }
 
     /// How far effects vary.
@@ -304,24 +270,11 @@ impl Problem {
             new.noise.turn_all(&mut self.w, &mut self.y, false);
         }
         self.variation = variation;
-        let mut square = vec![0.0; self.norm.len()];
-        for column in self.w.column_iter() {
-            for (s, v) in square.iter_mut().zip(column.iter()) {
-                *s += v * v;
-            }
-        }
-        let length: Vec<f64> =
-            square.iter().zip(&self.norm).map(|(s, n)| if *n > 0.0 { s.sqrt() } else { 0.0 }).collect();
-        let scale: Vec<f64> = length.iter().map(|l| if *l > 0.0 { 1.0 / l } else { 0.0 }).collect();
-        for mut column in self.w.column_iter_mut() {
-            for (v, s) in column.iter_mut().zip(&scale) {
-                *v *= s;
-            }
-        }
-        self.norm.iter_mut().zip(&length).for_each(|(n, l)| *n *= l);
-        self.b = &self.w * &self.y;
-        self.own = own_grams(&self.w, &self.span);
-        self.forget();
+        let norm = &self.norm;
+        let scaled = Scaled::to_unit_length(&mut self.w, &self.y, &self.span, |j, _| norm[j] > 0.0);
+        self.norm.iter_mut().zip(&scaled.length).for_each(|(n, l)| *n *= l);
+        (self.b, self.own) = (scaled.b, scaled.own);
+        self.cross.clear();
     }
 
     /// The columns of one shape, whitened.
@@ -370,8 +323,7 @@ impl Problem {
     /// What is known once the columns of `chosen` (prepared) are in.
     #[must_use]
     pub fn given(&self, chosen: &[usize]) -> Given {
-        let columns: Vec<usize> =
-            chosen.iter().flat_map(|v| self.span[*v].0..self.span[*v].0 + self.span[*v].1).collect();
+        let columns: Vec<usize> = chosen.iter().flat_map(|v| self.columns(*v)).collect();
         let n = columns.len();
         let width = self.b.len();
         // rows of `g`: products of one chosen column with all columns
@@ -466,50 +418,6 @@ impl Problem {
     }
 }
 
-/// The columns of some shapes, a row of values per reading, um per unit of each parameter.
-fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f64> {
-    let width: usize = shapes.iter().map(|s| s.width()).sum();
-    let mut data = vec![0.0; rows.len() * width];
-    let (mut out, mut at_zero) = ([Vec3::zeros(); WIDTH_MAX], [Vec3::zeros(); WIDTH_MAX]);
-    // what a refined shape reads beyond the signals of the library
-    let mut own: Vec<Signal> = shapes.iter().flat_map(|s| s.signals()).cloned().collect();
-    own.retain(|s| session.signal(s).is_none());
-    let lagged: Vec<Option<Vec<f64>>> =
-        own.iter().map(|s| session.history.lagged(s, &session.moments)).collect();
-    let known = session.signals.len();
-    let at = |s: &Signal| session.signal(s).or_else(|| own.iter().position(|o| o == s).map(|k| known + k));
-    let with_own = |i: usize| {
-        let m = &session.moments[i];
-        if own.is_empty() {
-            return Cow::Borrowed(m);
-        }
-        let values = lagged.iter().map(|l| l.as_ref().map_or(f64::NAN, |l| l[i]));
-        let signals = m.signals.iter().copied().chain(values).collect();
-        Cow::Owned(Moment { signals, ..m.clone() })
-    };
-    for (row, i) in data.chunks_exact_mut(width.max(1)).zip(rows) {
-        let m = &*with_own(*i);
-        let mut values = row.iter_mut();
-        for shape in shapes {
-            let out = &mut out[..shape.width()];
-            out.fill(Vec3::zeros());
-            shape.evaluate_with(m, &at, out);
-            if let Some((zero, turn)) = session.ball_zero.as_ref().and_then(|z| z.at(*i)) {
-                let at_zero = &mut at_zero[..shape.width()];
-                at_zero.fill(Vec3::zeros());
-                shape.evaluate_with(&with_own(zero), &at, at_zero);
-                out.iter_mut().zip(&*at_zero).for_each(|(d, z)| *d -= turn * z);
-            }
-            // the shorter one first: it must not take a value and then find that it is at its end
-            for (d, value) in out.iter().zip(values.by_ref()) {
-                let seen = d.dot(&m.u);
-                *value = if seen.is_finite() { seen } else { 0.0 };
-            }
-        }
-    }
-    data
-}
-
 /// What is left of everything once some columns are in.
 pub struct Given {
     /// The columns that are in.
@@ -532,46 +440,78 @@ impl Given {
     }
 }
 
-fn own_grams(w: &DMatrix<f64>, span: &[(usize, usize)]) -> Vec<Vec<f64>> {
-    let mut own: Vec<Vec<f64>> = span.iter().map(|(_, k)| vec![0.0; k * k]).collect();
-    for row in w.column_iter() {
-        let row = row.as_slice();
-        for (g, (at, k)) in own.iter_mut().zip(span) {
-            let v = &row[*at..at + k];
-            for i in 0..*k {
-                for j in 0..=i {
-                    g[i * k + j] += v[i] * v[j];
+/// What scaling whitened columns to unit length gives.
+struct Scaled {
+    /// Length of each column before; 0 of one that is taken for none.
+    length: Vec<f64>,
+    /// Products of the columns with the gap.
+    b: DVector<f64>,
+    /// Gram matrix of each variant, row by row.
+    own: Vec<Vec<f64>>,
+}
+
+impl Scaled {
+    /// Scales the columns (a matrix row each); those whose number and square are not `seen` become zero.
+    fn to_unit_length(
+        w: &mut DMatrix<f64>,
+        y: &DVector<f64>,
+        span: &[(usize, usize)],
+        seen: impl Fn(usize, f64) -> bool,
+    ) -> Self {
+        let mut own: Vec<Vec<f64>> = span.iter().map(|(_, k)| vec![0.0; k * k]).collect();
+        let mut b = DVector::zeros(w.nrows());
+        for (row, y) in w.column_iter().zip(y.iter()) {
+            let row = row.as_slice();
+            b.iter_mut().zip(row).for_each(|(b, v)| *b += v * y);
+            for (g, (at, k)) in own.iter_mut().zip(span) {
+                let v = &row[*at..at + k];
+                for i in 0..*k {
+                    for j in 0..=i {
+                        g[i * k + j] += v[i] * v[j];
+                    }
                 }
             }
         }
-    }
-    for (g, (_, k)) in own.iter_mut().zip(span) {
-        for i in 0..*k {
-            for j in 0..i {
-                g[j * k + i] = g[i * k + j];
+        let square = own.iter().zip(span).flat_map(|(g, (_, k))| (0..*k).map(move |i| g[i * k + i]));
+        let length: Vec<f64> = square
+            .enumerate()
+            .map(|(j, square)| if square > 0.0 && seen(j, square) { square.sqrt() } else { 0.0 })
+            .collect();
+        let scale: Vec<f64> = length.iter().map(|l| if *l > 0.0 { 1.0 / l } else { 0.0 }).collect();
+        for mut row in w.column_iter_mut() {
+            row.iter_mut().zip(&scale).for_each(|(v, s)| *v *= s);
+        }
+        b.iter_mut().zip(&scale).for_each(|(b, s)| *b *= s);
+        for (g, (at, k)) in own.iter_mut().zip(span) {
+            for i in 0..*k {
+                for j in 0..=i {
+                    g[i * k + j] *= scale[at + i] * scale[at + j];
+                    g[j * k + i] = g[i * k + j];
+                }
             }
         }
+        Self { length, b, own }
     }
-    own
 }
 
 #[cfg(test)]
 impl Problem {
     /// A problem of columns made up for a test, those of each variant together; one program, one block.
     pub(super) fn made_up(variants: &[Vec<DVector<f64>>], y: DVector<f64>) -> Self {
-        let columns: Vec<DVector<f64>> = variants.iter().flatten().map(|c| c / c.norm()).collect();
-        let w = DMatrix::from_columns(&columns).transpose();
+        let columns: Vec<DVector<f64>> = variants.iter().flatten().cloned().collect();
+        let mut w = DMatrix::from_columns(&columns).transpose();
         let n = y.len();
         let ends = variants.iter().scan(0, |at, v| {
             *at += v.len();
             Some(*at)
         });
         let span: Vec<(usize, usize)> = ends.zip(variants).map(|(end, v)| (end - v.len(), v.len())).collect();
+        let Scaled { length, b, own } = Scaled::to_unit_length(&mut w, &y, &span, |_, _| true);
         Self {
             rows: (0..n).collect(),
-            b: &w * &y,
-            own: own_grams(&w, &span),
-            norm: variants.iter().flatten().map(DVector::norm).collect(),
+            b,
+            own,
+            norm: length,
             seen: vec![1.0; span.len()],
             y,
             w,

@@ -248,7 +248,7 @@ pub fn one_response_per_axis(
     for (v, shape) in own.iter().zip(before) {
         put(problem, session, filter, library, *v, shape);
     }
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&selection.chosen);
 }
 
 /// The position loop whose lag is what it takes as its time constant, and what it explains; none where the velocities are not

@@ -119,7 +119,7 @@ pub fn one_worn_place(
             put(problem, session, filter, library, worn, before);
         }
     }
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+    problem.prepare(&selection.chosen);
 }
 
 /// Sum of squares that some effects leave in each program.

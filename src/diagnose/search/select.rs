@@ -182,9 +182,7 @@ impl Selection {
     }
 
     pub(super) fn given(problem: &mut Problem, chosen: &[usize]) -> Given {
-        for v in chosen {
-            problem.prepare(*v);
-        }
+        problem.prepare(chosen);
         problem.given(chosen)
     }
 
@@ -208,7 +206,7 @@ impl Selection {
             let Some(next) = next else { break };
             self.chosen.push(next.variant);
             if self.is_plain {
-                problem.prepare(next.variant);
+                problem.prepare(&[next.variant]);
                 continue;
             }
             self.swap(problem, library);

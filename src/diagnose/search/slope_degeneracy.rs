@@ -13,12 +13,12 @@ impl Selection {
         while let Some((place, slope, whole)) = self.slope(problem, library) {
             self.chosen[place] = whole;
             self.chosen.remove(slope);
-            problem.prepare(whole);
+            problem.prepare(&[whole]);
         }
         for place in 0..self.chosen.len() {
             if let Some(whole) = self.straightness_rather(problem, library, place) {
                 self.chosen[place] = whole;
-                problem.prepare(whole);
+                problem.prepare(&[whole]);
             }
         }
     }
@@ -66,7 +66,7 @@ impl Selection {
             if !self.has(library, library.variants[line].label) {
                 self.chosen.push(line);
             }
-            self.chosen.iter().for_each(|v| problem.prepare(*v));
+            problem.prepare(&self.chosen);
         }
     }
 
