@@ -38,7 +38,7 @@ use constants::{LITTLE, ROUNDS, SIGNIFICANT, SURE};
 use evidence::Comparison;
 use library::{Kind, Library, Shape, Without};
 use noise::{ClassNoise, Filter};
-use search::{Problem, Selection};
+use search::{Problem, RawColumns, Selection};
 use session::{BallZero, Note, Session};
 
 pub use next::Dialect;
@@ -118,7 +118,8 @@ pub fn diagnose(
     options: &Options,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
-    let mut analysis = analyse(session, options, tell);
+    let mut raw = RawColumns::default();
+    let mut analysis = analyse(session, options, &mut raw, tell);
     let mut lengths_um: BTreeMap<usize, f64> = BTreeMap::new();
     for _ in 0..ROUNDS {
         let Some(found) = ballbar_lengths_um(session, &analysis) else { break };
@@ -126,7 +127,7 @@ pub fn diagnose(
             r.deviation_um -= found.get(&m.setup).copied().unwrap_or_default();
         }
         found.into_iter().for_each(|(setup, length_um)| *lengths_um.entry(setup).or_default() += length_um);
-        analysis = analyse(session, options, tell);
+        analysis = analyse(session, options, &mut raw, tell);
     }
     if !lengths_um.is_empty() {
         let mut each: Vec<String> = lengths_um.values().map(|length_um| format!("{length_um:.1}")).collect();
@@ -174,7 +175,13 @@ fn ballbar_lengths_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap
     stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())
 }
 
-fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &str)) -> Analysis {
+/// `raw`: columns of an analysis of the same session before.
+fn analyse(
+    session: &mut Session,
+    options: &Options,
+    raw: &mut RawColumns,
+    tell: &mut dyn FnMut(f64, &str),
+) -> Analysis {
     tell(0.0, "noise from repeats");
     let gap = session.gap();
     let lattice_um = noise::lattices(session);
@@ -208,12 +215,12 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     library.variants.retain(|v| !v.shape.is_process() || v.shape.is_plain_table());
     let by_label = library.by_label();
     let grid: Vec<usize> = by_label.iter().map(Vec::len).collect();
-    let (mut round, mut raw) = (0, search::RawColumns::default());
+    let mut round = 0;
     loop {
         tell(0.1 + 0.25 * round as f64, "columns of all effects");
         let filter = Filter::new(session, &class_noise, &used);
         let white: Vec<f64> = class_noise.iter().map(|c| c.white_um).collect();
-        let mut problem = Problem::next(session, &library, &mut raw, &filter, &gap, &white);
+        let mut problem = Problem::next(session, &library, raw, &filter, &gap, &white);
         let is_plain = ablation == Ablation::Plain;
         let threshold =
             if is_plain { 0.0 } else { search::threshold(&problem, &library, &grid, options.seed) };
@@ -223,9 +230,9 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         spatial_variation::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
         if round == 1
-            && count_from_ball_zero(session, &mut problem, (&library, &selection), (&filter, &white))
+            && count_from_ball_zero(session, &mut problem, raw, (&library, &selection), (&filter, &white))
         {
-            return analyse(session, options, tell);
+            return analyse(session, options, raw, tell);
         }
         let next = {
             let left = remainder(session, &problem, &library, &selection, &gap);
@@ -277,6 +284,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
 fn count_from_ball_zero(
     session: &mut Session,
     problem: &mut Problem,
+    raw: &mut RawColumns,
     (library, selection): (&Library, &Selection),
     (filter, white): (&Filter, &[f64]),
 ) -> bool {
@@ -292,7 +300,8 @@ fn count_from_ball_zero(
     };
     let now = score(problem, library, selection);
     let (mut library, mut selection) = (library.clone(), selection.clone());
-    let mut problem = Problem::new(session, &library, filter, &session.gap(), white);
+    let mut raw_from_zero = RawColumns::default();
+    let mut problem = Problem::next(session, &library, &mut raw_from_zero, filter, &session.gap(), white);
     problem.prepare(&selection.chosen);
     selection.merge(&mut problem, &library);
     let chosen = selection.chosen.clone();
@@ -302,7 +311,11 @@ fn count_from_ball_zero(
     // what takes as many causes to say a little more, or further ones, may only be the misform of one
     let least = if then.1 < now.1 { search::SWAP_GAIN } else { SIGNIFICANT * SIGNIFICANT };
     let counts = then.0 > now.0 + least && then.1 <= now.1;
-    session.ball_zero.take_if(|_| !counts);
+    if counts {
+        *raw = raw_from_zero;
+    } else {
+        session.ball_zero = None;
+    }
     counts
 }
 

@@ -186,12 +186,13 @@ impl Filter {
         let mut from = 0;
         while from < width {
             let block = BLOCK.min(width - from);
+            let state = &mut state[..STATES * block];
             for (i, gain) in self.gains.iter().enumerate() {
                 let n = self.states[i];
                 if gain.decay < 0.0 {
                     state.fill(0.0);
                 } else if gain.decay < 1.0 {
-                    for v in &mut state[..self.drift_states[i] * BLOCK] {
+                    for v in &mut state[..self.drift_states[i] * block] {
                         *v *= gain.decay;
                     }
                 }
@@ -199,12 +200,12 @@ impl Filter {
                 let e = &mut innovation[..block];
                 e.copy_from_slice(row);
                 for (j, h) in gain.h.iter().enumerate().take(n).filter(|(_, h)| **h != 0.0) {
-                    for (e, x) in e.iter_mut().zip(&state[j * BLOCK..j * BLOCK + block]) {
+                    for (e, x) in e.iter_mut().zip(&state[j * block..(j + 1) * block]) {
                         *e -= h * x;
                     }
                 }
                 for (j, k) in gain.k.iter().enumerate().take(n).filter(|(_, k)| **k != 0.0) {
-                    for (x, e) in state[j * BLOCK..j * BLOCK + block].iter_mut().zip(e.iter()) {
+                    for (x, e) in state[j * block..(j + 1) * block].iter_mut().zip(e.iter()) {
                         *x += k * e;
                     }
                 }

@@ -73,8 +73,8 @@ pub fn turn_about_pivots(
         let grid = selection.grid[label];
         let turned = variants.iter().filter(|v| !selection.banned.contains(v)).filter_map(|v| {
             let Shape::Angular(shape) = &library.variants[*v].shape else { return None };
-            let shape = pivoted(&beside, problem, session, filter, shape.clone())?;
-            let (gain, rank) = beside.gain(&problem.whitened(session, filter, &shape));
+            let (shape, columns) = pivoted(&beside, problem, session, filter, shape.clone())?;
+            let (gain, rank) = beside.gain(&columns);
             Some((evidence(gain, rank + COORDINATES, grid), *v, shape))
         });
         let Some((e, v, shape)) = turned.max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
@@ -123,57 +123,64 @@ pub fn tilt_about_pivots(
     }
 }
 
-/// The error about the pivot that explains most; `None` where the data know none.
+/// The error about the pivot that explains most, and its columns; `None` where the data know none.
 fn pivoted(
     beside: &Beside,
     problem: &Problem,
     session: &Session,
     filter: &Filter,
     mut shape: forms::Angular,
-) -> Option<Shape> {
+) -> Option<(Shape, Columns)> {
     let across: Vec<usize> = (0..3).filter(|k| *k != shape.about.direction()).collect();
     let columns = |shape: &forms::Angular| problem.whitened(session, filter, &shape.clone().into());
-    let width = shape.degree;
+    let own = columns(&shape);
     // a displacement by each term of the curve along each direction: the difference of two levers
-    let blocks = |shape: &forms::Angular| -> (Vec<Vec<f64>>, Vec<Vec<Vec<f64>>>) {
-        let own = columns(shape);
-        let differ = |k: &usize| {
-            let mut moved = shape.clone();
-            moved.lever.home_mm[*k] += STEP_MM;
-            let pairs = columns(&moved).into_iter().zip(&own);
-            pairs.map(|(m, o)| m.iter().zip(o).map(|(m, o)| m - o).collect()).collect()
-        };
-        let differences = across.iter().map(differ).collect();
-        (own, differences)
+    let differ = |k: &usize| -> Columns {
+        let mut moved = shape.clone();
+        moved.lever.home_mm[*k] += STEP_MM;
+        columns(&moved).iter().zip(&own).map(|(m, o)| sum(m, &[(-1.0, o)])).collect()
     };
-    let (own, differences) = blocks(&shape);
-    let all: Vec<Vec<f64>> = own.iter().chain(differences.iter().flatten()).cloned().collect();
+    let differences: Vec<Columns> = across.iter().map(differ).collect();
+    let all: Columns = own.iter().chain(differences.iter().flatten()).cloned().collect();
     let found = beside.values(&all);
-    let (curve, shifts) = found.split_at(width);
+    let (curve, shifts) = found.split_at(own.len());
     let square: f64 = curve.iter().map(|s| s * s).sum();
     if square <= 0.0 {
         return None;
     }
-    for (k, shift) in across.iter().zip(shifts.chunks(width)) {
-        let product: f64 = curve.iter().zip(shift).map(|(s, b)| s * b).sum();
-        shape.lever.home_mm[*k] += STEP_MM * product / square;
-    }
+    let product = |shift: &[f64]| curve.iter().zip(shift).map(|(s, b)| s * b).sum::<f64>();
+    let mut steps: Vec<f64> = shifts.chunks(own.len()).map(|shift| product(shift) / square).collect();
+    // columns are linear in the pivot
+    let moved = |steps: &[f64]| -> Columns {
+        let terms = |j: usize| steps.iter().zip(&differences).map(move |(s, d)| (*s, &d[j]));
+        own.iter().enumerate().map(|(j, o)| sum(o, &terms(j).collect::<Vec<_>>())).collect()
+    };
     for _ in 0..ROUNDS {
-        let (own, differences) = blocks(&shape);
-        let curve = beside.values(&own);
-        let derivative = |block: &Vec<Vec<f64>>| -> Vec<f64> {
-            let mut sum = vec![0.0; block.first().map_or(0, Vec::len)];
-            for (column, s) in block.iter().zip(&curve) {
-                sum.iter_mut().zip(column).for_each(|(sum, c)| *sum += s * c);
-            }
-            sum
+        let mut all = moved(&steps);
+        let curve = beside.values(&all);
+        let derivative = |d: &Columns| {
+            let terms: Vec<_> = curve.iter().copied().zip(d).collect();
+            sum(&vec![0.0; problem.len()], &terms)
         };
-        let all: Vec<Vec<f64>> = own.into_iter().chain(differences.iter().map(derivative)).collect();
+        all.extend(differences.iter().map(derivative));
         let found = beside.values(&all);
-        for (k, step) in across.iter().zip(&found[width..]) {
-            shape.lever.home_mm[*k] += STEP_MM * step;
-        }
+        steps.iter_mut().zip(&found[own.len()..]).for_each(|(s, step)| *s += step);
+    }
+    for (k, step) in across.iter().zip(&steps) {
+        shape.lever.home_mm[*k] += STEP_MM * step;
     }
     let shape = Shape::from(shape);
-    super::refine::is_local(session, &shape).then_some(shape)
+    super::refine::is_local(session, &shape).then(|| (shape, moved(&steps)))
+}
+
+/// Whitened columns, a value per row of the problem each.
+type Columns = Vec<Vec<f64>>;
+
+/// A column and multiples of others.
+fn sum(column: &[f64], terms: &[(f64, &Vec<f64>)]) -> Vec<f64> {
+    let mut out = column.to_vec();
+    for (factor, term) in terms {
+        out.iter_mut().zip(*term).for_each(|(o, t)| *o += factor * t);
+    }
+    out
 }

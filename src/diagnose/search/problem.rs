@@ -62,7 +62,7 @@ impl Problem {
         Self::of_raw(raw, session, library, filter, (gap, white_um))
     }
 
-    /// The same, with raw columns of a round before.
+    /// The same, with raw columns that are known.
     #[must_use]
     pub fn next(
         session: &Session,
@@ -185,14 +185,21 @@ impl Problem {
         if columns.is_empty() {
             return;
         }
-        let mut products = DMatrix::zeros(self.b.len(), columns.len());
-        for row in self.w.column_iter() {
-            let row = row.as_slice();
+        let width = self.b.len();
+        let mut products = DMatrix::zeros(width, columns.len());
+        let none = vec![0.0; width];
+        // four readings for each time that a sum is read and written
+        for some in self.w.as_slice().chunks(4 * width) {
+            let row = |k: usize| some.get(k * width..(k + 1) * width).unwrap_or(&none);
+            let rows = [row(0), row(1), row(2), row(3)];
             for (mut product, c) in products.column_iter_mut().zip(&columns) {
-                let own = row[*c];
+                let own = rows.map(|r| r[*c]);
                 // most effects act in some of the programs
-                if own != 0.0 {
-                    product.as_mut_slice().iter_mut().zip(row).for_each(|(p, v)| *p += own * v);
+                if own != [0.0; 4] {
+                    let others = rows[0].iter().zip(rows[1]).zip(rows[2].iter().zip(rows[3]));
+                    for (sum, ((a, b), (c, d))) in product.as_mut_slice().iter_mut().zip(others) {
+                        *sum += own[0] * a + own[1] * b + (own[2] * c + own[3] * d);
+                    }
                 }
             }
         }

@@ -21,17 +21,22 @@ const KEPT_MAX: usize = 1 << 25;
 /// Raw columns that are the same from one round to the next.
 #[derive(Debug, Clone, Default)]
 pub struct RawColumns {
+    rows: Vec<usize>,
     shapes: Vec<Shape>,
     data: Vec<f64>,
 }
 
 impl RawColumns {
-    /// The columns of a library at the same rows as before; only those of new shapes are computed.
+    /// The columns of a library; at the same rows as before only those of new shapes are computed.
     pub(super) fn of(&mut self, session: &Session, library: &Library, rows: &[usize]) -> Vec<f64> {
         let width = library.width();
-        if self.data.len() != rows.len() * width || self.shapes.len() != library.variants.len() {
+        let is_known = self.rows == rows
+            && self.data.len() == rows.len() * width
+            && self.shapes.len() == library.variants.len();
+        if !is_known {
             let data = raw_columns(session, library, rows);
             if data.len() <= KEPT_MAX {
+                self.rows = rows.to_vec();
                 self.shapes = library.variants.iter().map(|v| v.shape.clone()).collect();
                 self.data.clone_from(&data);
             }

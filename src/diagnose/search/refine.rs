@@ -1,5 +1,7 @@
 //! The non-linear parameters of a chosen effect between the values of its grid: a search by shrinking steps.
 
+use nalgebra::DVectorView;
+
 use super::super::library::{Library, Shape, forms};
 use super::super::moment::{Axis, Source};
 use super::super::noise::Filter;
@@ -163,7 +165,8 @@ impl Beside {
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
+    // in several sums at a time
+    DVectorView::from_slice(a, a.len()).dot(&DVectorView::from_slice(b, b.len()))
 }
 
 /// A lag is a delay (its second term is half its square), a position loop, or neither; a free second term would pass the compliance
