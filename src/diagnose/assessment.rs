@@ -106,9 +106,8 @@ fn slope_of(
     let curve = |p: usize| &library.variants[selection.chosen[p]].shape;
     let is_slope_of = |p: usize| lines.iter().any(|line| line.may_be_the_slope_of(curve(p)));
     let curves = (0..selection.chosen.len()).filter(|p| *p != place && is_slope_of(*p));
-    let more = |p: &usize| {
-        is_part || problem.gain(&problem.given(&selection.without(&[*p])), selection.chosen[*p]).0 > gain
-    };
+    let more =
+        |p: &usize| is_part || problem.gain_beside(&selection.without(&[*p]), selection.chosen[*p]).0 > gain;
     curves.filter(more).map(|p| library.labels[library.variants[selection.chosen[p]].label].clone()).collect()
 }
 

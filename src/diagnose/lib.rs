@@ -372,7 +372,7 @@ fn compared(
     let reading_um = white_um.iter().map(|w| comparison.reading_um() * w / least).collect();
     let mut problem = Problem::new(session, &library, &filter, &gap, &white);
     let mut ordered = chosen.to_vec();
-    let alone: Vec<f64> = chosen.iter().map(|v| problem.gain(&problem.given(&[]), *v).0).collect();
+    let alone: Vec<f64> = chosen.iter().map(|v| problem.gain_beside(&[], *v).0).collect();
     let place = |v: &usize| chosen.iter().position(|c| c == v).map_or(0.0, |k| -alone[k]);
     ordered.sort_by(|a, b| place(a).total_cmp(&place(b)));
     for k in 0..ordered.len() {

@@ -62,15 +62,20 @@ impl Factor {
     }
 
     /// Row `i` of `L^-1 G` from row `i` of `G` and the rows before; zero where the column was left out.
-    pub(super) fn row_forward(&self, i: usize, g: &[f64], before: &[f64], row: &mut [f64], width: usize) {
+    pub(super) fn row_forward(&self, i: usize, g: &[f64], before: &[f64], row: &mut [f64]) {
         if !self.kept[i] {
             return;
         }
         row.copy_from_slice(g);
-        for k in (0..i).filter(|k| self.kept[*k]) {
-            let l = self.l[i * self.n + k];
-            for (r, b) in row.iter_mut().zip(&before[k * width..(k + 1) * width]) {
-                *r -= l * b;
+        // rows of columns that were left out are zero; four at a time for each time that the row is read and written
+        let l = &self.l[i * self.n..];
+        let none = vec![0.0; row.len()];
+        for (some, l) in before.chunks(4 * row.len().max(1)).zip(l[..i].chunks(4)) {
+            let before = |k: usize| some.get(k * none.len()..(k + 1) * none.len()).unwrap_or(&none);
+            let l: [f64; 4] = core::array::from_fn(|k| l.get(k).copied().unwrap_or(0.0));
+            let others = before(0).iter().zip(before(1)).zip(before(2).iter().zip(before(3)));
+            for (r, ((a, b), (c, d))) in row.iter_mut().zip(others) {
+                *r -= l[0] * a + l[1] * b + (l[2] * c + l[3] * d);
             }
         }
         let root = self.l[i * self.n + i];

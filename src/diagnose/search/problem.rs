@@ -330,18 +330,22 @@ impl Problem {
     /// What is known once the columns of `chosen` (prepared) are in.
     #[must_use]
     pub fn given(&self, chosen: &[usize]) -> Given {
+        self.given_among(chosen, 0..self.b.len())
+    }
+
+    /// The same, for questions about some columns alone.
+    fn given_among(&self, chosen: &[usize], among: Range<usize>) -> Given {
         let columns: Vec<usize> = chosen.iter().flat_map(|v| self.columns(*v)).collect();
         let n = columns.len();
-        let width = self.b.len();
-        // rows of `g`: products of one chosen column with all columns
-        let mut g: Vec<Vec<f64>> = Vec::with_capacity(n);
-        for v in chosen {
-            if let Some(c) = self.cross.get(v) {
-                g.extend(c.column_iter().map(|c| c.iter().copied().collect::<Vec<f64>>()));
-            }
-        }
+        let width = among.len();
+        // products of each chosen column with all columns
+        let products: Vec<&[f64]> = chosen
+            .iter()
+            .filter_map(|v| self.cross.get(v))
+            .flat_map(|c| c.as_slice().chunks_exact(self.b.len()))
+            .collect();
         let mut small = vec![0.0; n * n];
-        for (row, products) in small.chunks_exact_mut(n.max(1)).zip(&g) {
+        for (row, products) in small.chunks_exact_mut(n.max(1)).zip(&products) {
             for (v, c) in row.iter_mut().zip(&columns) {
                 *v = products[*c];
             }
@@ -352,18 +356,21 @@ impl Problem {
         let z = factor.forward(&own);
         // L^-1 G row by row
         let mut a = vec![0.0; n * width];
-        for (i, products) in g.iter().enumerate() {
+        for (i, products) in products.iter().enumerate() {
             let (before, rest) = a.split_at_mut(i * width);
-            let row = &mut rest[..width];
-            factor.row_forward(i, products, before, row, width);
+            factor.row_forward(i, &products[among.clone()], before, &mut rest[..width]);
         }
-        let mut b: Vec<f64> = self.b.iter().copied().collect();
-        for i in 0..n {
-            for (b, a) in b.iter_mut().zip(&a[i * width..(i + 1) * width]) {
-                *b -= a * z[i];
-            }
+        let mut b = self.b.as_slice()[among.clone()].to_vec();
+        for (a, z) in a.chunks_exact(width.max(1)).zip(&z) {
+            b.iter_mut().zip(a).for_each(|(b, a)| *b -= a * z);
         }
-        Given { columns, factor, a, b, width, explained: z.iter().map(|v| v * v).sum() }
+        Given { columns, factor, a, b, among, explained: z.iter().map(|v| v * v).sum() }
+    }
+
+    /// What a variant brings beside those of `chosen` (prepared): drop of the sum of squares, and the number of its independent columns.
+    #[must_use]
+    pub fn gain_beside(&self, chosen: &[usize], variant: usize) -> (f64, usize) {
+        self.gain(&self.given_among(chosen, self.columns(variant)), variant)
     }
 
     /// Drop of the sum of squares by a variant beside what is given, and the number of its independent columns.
@@ -373,7 +380,8 @@ impl Problem {
         let g = self.conditional(given, variant);
         let full: Vec<f64> = (at..at + k).map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
         let factor = Factor::new(k, &g, &full);
-        (factor.gain(&given.b[at..at + k]), factor.rank())
+        let first = at - given.among.start;
+        (factor.gain(&given.b[first..first + k]), factor.rank())
     }
 
     /// Drop of the sum of squares of any signal by a variant alone; `products` are those of all columns with the signal.
@@ -387,8 +395,9 @@ impl Problem {
     fn conditional(&self, given: &Given, variant: usize) -> Vec<f64> {
         let (at, k) = self.span[variant];
         let mut g = self.own[variant].clone();
-        for row in given.a.chunks_exact(given.width.max(1)) {
-            let a = &row[at..at + k];
+        let first = at - given.among.start;
+        for row in given.a.chunks_exact(given.among.len().max(1)) {
+            let a = &row[first..first + k];
             for i in 0..k {
                 for j in 0..k {
                     g[i * k + j] -= a[i] * a[j];
@@ -432,7 +441,8 @@ pub struct Given {
     pub(super) factor: Factor,
     a: Vec<f64>,
     b: Vec<f64>,
-    width: usize,
+    /// Columns of which `a` and `b` tell.
+    among: Range<usize>,
     /// Drop of the sum of squares by all of them.
     pub explained: f64,
 }

@@ -136,7 +136,15 @@ impl Selection {
 
     /// What a variant brings beside what is given.
     pub(super) fn found(&self, problem: &Problem, library: &Library, given: &Given, variant: usize) -> Found {
-        let (gain, rank) = problem.gain(given, variant);
+        self.brings(library, variant, problem.gain(given, variant))
+    }
+
+    /// What a variant brings beside others (prepared).
+    fn found_beside(&self, problem: &Problem, library: &Library, others: &[usize], variant: usize) -> Found {
+        self.brings(library, variant, problem.gain_beside(others, variant))
+    }
+
+    fn brings(&self, library: &Library, variant: usize, (gain, rank): (f64, usize)) -> Found {
         let evidence = evidence(gain, rank, self.grid[library.variants[variant].label]);
         Found { variant, gain, rank, evidence }
     }
@@ -156,10 +164,8 @@ impl Selection {
         some: &[usize],
     ) -> f64 {
         let all = [known, some].concat();
-        let own = |n: usize| {
-            let given = Self::given(problem, &all[..n]);
-            self.found(problem, library, &given, all[n]).evidence
-        };
+        problem.prepare(&all);
+        let own = |n: usize| self.found_beside(problem, library, &all[..n], all[n]).evidence;
         (known.len()..all.len()).map(own).sum()
     }
 
@@ -285,9 +291,8 @@ impl Selection {
                 let given = Self::given(problem, &others);
                 let (first, second) = (self.chosen[a], self.chosen[b]);
                 let with_first: Vec<usize> = others.iter().copied().chain([first]).collect();
-                let both = Self::given(problem, &with_first);
                 let now = self.found(problem, library, &given, first).evidence
-                    + self.found(problem, library, &both, second).evidence;
+                    + self.found_beside(problem, library, &with_first, second).evidence;
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
                     && (best.evidence > now
@@ -349,10 +354,9 @@ impl Selection {
     /// Of a table of positions and a worn place the one that stays, first: the worn place where the table has next to nothing
     /// to say beside it, for a table can say any worn place.
     fn truer(&self, problem: &mut Problem, table: usize, worn: usize) -> (usize, usize) {
-        let given = Self::given(problem, &self.without(&[table, worn]));
-        let alone = problem.gain(&given, self.chosen[worn]).0;
-        let given = Self::given(problem, &self.without(&[table]));
-        let more = problem.gain(&given, self.chosen[table]).0;
+        problem.prepare(&self.chosen);
+        let alone = problem.gain_beside(&self.without(&[table, worn]), self.chosen[worn]).0;
+        let more = problem.gain_beside(&self.without(&[table]), self.chosen[table]).0;
         if more < LITTLE * alone { (worn, table) } else { (table, worn) }
     }
 
@@ -373,10 +377,9 @@ impl Selection {
                     [STRAIGHT, other] if CURVES.contains(&other) => LITTLE,
                     _ => continue,
                 };
-                let [first, second] = [a, b].map(|place| {
-                    let given = Self::given(problem, &self.without(&[place]));
-                    problem.gain(&given, self.chosen[place]).0
-                });
+                problem.prepare(&self.chosen);
+                let [first, second] =
+                    [a, b].map(|place| problem.gain_beside(&self.without(&[place]), self.chosen[place]).0);
                 if first.min(second) < least * first.max(second) {
                     return Some(if first > second { (a, b) } else { (b, a) });
                 }
@@ -415,15 +418,12 @@ impl Selection {
     /// Takes out what the others have made superfluous.
     fn backward(&mut self, problem: &mut Problem, library: &Library) {
         loop {
-            let mut weakest: Option<(usize, f64)> = None;
-            for place in 0..self.chosen.len() {
-                let given = Self::given(problem, &self.without(&[place]));
-                let e = self.found(problem, library, &given, self.chosen[place]).evidence;
-                if weakest.is_none_or(|w| e < w.1) {
-                    weakest = Some((place, e));
-                }
-            }
-            match weakest {
+            problem.prepare(&self.chosen);
+            let beside = |place: usize| {
+                let others = self.without(&[place]);
+                (place, self.found_beside(problem, library, &others, self.chosen[place]).evidence)
+            };
+            match (0..self.chosen.len()).map(beside).min_by(|a, b| a.1.total_cmp(&b.1)) {
                 Some((place, e)) if e < self.threshold => {
                     self.chosen.remove(place);
                 }

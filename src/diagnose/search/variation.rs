@@ -94,7 +94,7 @@ impl Variation {
             .zip(terms.chunks(powers.len()).zip(single.chunks(powers.len())))
             .map(|(v, terms)| {
                 let others: Vec<usize> = chosen.iter().copied().filter(|o| o != v).collect();
-                let gain = problem.gain(&problem.given(&others), *v).0;
+                let gain = problem.gain_beside(&others, *v).0;
                 let (label, own_axis) = of(*v);
                 let own = ways.iter().position(|w| Some(w.0) == own_axis);
                 let (rms, grows) = varying(terms, own, &ways, &powers);
