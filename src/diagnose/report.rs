@@ -15,7 +15,11 @@ pub struct Report {
     pub rows: usize,
     /// Rows that were used.
     pub rows_used: usize,
-    /// Root mean square of what is structured and has no name, um; only where all sets of effects were compared.
+    /// All sets of effects were compared, as of few readings: the fit holds all of them, and none is held out.
+    #[serde(skip)]
+    pub is_compared: bool,
+    /// Root mean square of what is structured and has no name, um; where all sets of effects were compared, and where it joined the
+    /// noise of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub discrepancy_um: Option<f64>,
     /// The answer in one word.
@@ -46,14 +50,6 @@ pub struct Report {
     pub notes: Vec<String>,
     /// Seed of the random draws.
     pub seed: u64,
-}
-
-impl Report {
-    /// True where all sets of effects were compared, as of few readings: the fit holds all of them, and none is held out.
-    #[must_use]
-    pub const fn is_compared(&self) -> bool {
-        self.discrepancy_um.is_some()
-    }
 }
 
 /// The answer in one word.

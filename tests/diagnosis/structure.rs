@@ -61,5 +61,9 @@ fn an_effect_beside_smooth_structure_is_named_alone_and_does_not_explain_the_gap
         let angle = parameter(&report, "squareness", "xy", "angle_arcsec").abs();
         assert!((angle - 0.02e-3f64.to_degrees() * 3600.0).abs() < 0.6, "seed {seed}: {angle} arcsec");
         assert!(report["unexplained"]["significant"].as_bool().unwrap(), "seed {seed}");
+        let size_um = report["discrepancy_um"].as_f64().unwrap();
+        assert!((0.5..1.5).contains(&(size_um / NOISE_UM)), "seed {seed}: {size_um} um");
+        let notes = report["notes"].as_array().unwrap();
+        assert!(notes.iter().any(|n| n.as_str().unwrap().starts_with("discrepancy: ")), "seed {seed}");
     }
 }

@@ -303,7 +303,7 @@ pub(super) fn headline(found: &Diagnosis) -> String {
 /// The larger part of what no cause explains: a drift counts where the comparison of few readings says that it is one.
 fn unexplained(found: &Diagnosis) -> String {
     let (r, b) = (&found.report, &found.budget);
-    if r.is_compared() && b.drift_um > b.unexplained_um && r.unexplained.rms_um >= b.drift_um {
+    if r.is_compared && b.drift_um > b.unexplained_um && r.unexplained.rms_um >= b.drift_um {
         format!("{} µm is slow drift of unknown source", um(b.drift_um))
     } else {
         format!("{} µm is unexplained", um(b.unexplained_um))

@@ -108,7 +108,7 @@ pub(super) fn summary(
     }
     if r.unexplained.significant {
         // where few readings were compared, what is said of the drift is a part of it
-        let left = if r.is_compared() { r.unexplained.rms_um } else { found.budget.unexplained_um };
+        let left = if r.is_compared { r.unexplained.rms_um } else { found.budget.unexplained_um };
         say!("unexplained: {} µm RMS; {}", um(left), r.unexplained.looks_like);
     }
     for o in r.outlying_readings.iter().take(6) {

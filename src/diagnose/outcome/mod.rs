@@ -12,6 +12,8 @@ mod rejection_text;
 mod unexplained;
 mod views;
 
+use nalgebra::DVector;
+
 use super::addition::Addition;
 use super::assessment::assess;
 use super::constants::{HALF, LISTED, LITTLE, NEARLY};
@@ -131,6 +133,15 @@ fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
     let stays = variation.filter(|v| v.labels().all(is_declared));
     stays.iter().for_each(|v| v.noise.turn(&mut left, false));
     left.iter().copied().collect()
+}
+
+/// RMS of what is structured and has no name, um; `None` in a campaign in which nothing asks for it.
+fn discrepancy_um(session: &Session, a: &Analysis) -> Option<f64> {
+    if let Some(c) = &a.comparison {
+        return Some(c.shares.discrepancy_um2.sqrt());
+    }
+    let left = DVector::from_vec(left_whitened(a, &a.selection.chosen));
+    a.problem.discrepancy().map(|d| white_rms(session, a) * d.mean_square(&left).sqrt())
 }
 
 /// Everything that the decision is made from.
@@ -262,6 +273,13 @@ pub(super) fn conclude(
     let mut notes = notes(session);
     notes.extend(varying(a, &assessed));
     notes.extend(subtracted_twice(session, a, rms(&before)));
+    let discrepancy_um = discrepancy_um(session, a);
+    if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {
+        notes.push(format!(
+            "discrepancy: smooth structure over the volume that no effect of the library describes, {size_um:.2} µm RMS; it counts as \
+             noise when effects are compared, and as unexplained in the result"
+        ));
+    }
     let fresh = fresh.map(|f| {
         notes.extend(not_seen_on(f, a, &assessed));
         let seen = seen_on(f, a, &assessed, &owner, &beta);
@@ -292,7 +310,8 @@ pub(super) fn conclude(
         format: "volcomp-gap/1",
         rows: session.rows_read,
         rows_used: a.used.iter().filter(|u| **u).count(),
-        discrepancy_um: a.comparison.as_ref().map(|c| c.shares.discrepancy_um2.sqrt()),
+        is_compared: a.comparison.is_some(),
+        discrepancy_um,
         verdict,
         gap: size(session, a, &before, shrink.rms_after_um),
         places,

@@ -34,6 +34,17 @@ impl LowRank {
         self.variance.iter().map(|v| v.ln_1p()).sum()
     }
 
+    /// Posterior mean square of what joined the noise, per row, of what is left beside all effects (not whitened by it).
+    #[must_use]
+    pub fn mean_square(&self, left: &DVector<f64>) -> f64 {
+        let along = self.basis.tr_mul(left);
+        let of = |(a, v): (&f64, &f64)| {
+            let share = v / (1.0 + v);
+            share * (share * a * a + 1.0)
+        };
+        along.iter().zip(self.variance.iter()).map(of).sum::<f64>() / left.len().max(1) as f64
+    }
+
     /// Whitens a column in place, or what was whitened back again.
     pub(crate) fn turn(&self, column: &mut DVector<f64>, back: bool) {
         let mut along = self.basis.tr_mul(column);
@@ -80,5 +91,7 @@ mod tests {
         v.turn(&mut column, true);
         assert!((column - before).norm() < 1e-12);
         assert!((v.log_variance() - 4f64.ln()).abs() < 1e-12);
+        // mean 3/4 of 2, variance 3/4, over three rows
+        assert!((v.mean_square(&before) - (1.5f64.powi(2) + 0.75) / 3.0).abs() < 1e-12);
     }
 }

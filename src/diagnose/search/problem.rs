@@ -457,6 +457,9 @@ impl Given {
     }
 }
 
+/// Most columns of a variant whose products are summed reading by reading.
+const WIDE: usize = 5;
+
 /// What scaling whitened columns to unit length gives.
 struct Scaled {
     /// Length of each column before; 0 of one that is taken for none.
@@ -475,12 +478,18 @@ impl Scaled {
         span: &[(usize, usize)],
         seen: impl Fn(usize, f64) -> bool,
     ) -> Self {
-        let mut own: Vec<Vec<f64>> = span.iter().map(|(_, k)| vec![0.0; k * k]).collect();
+        // of wide variants a product of matrices, of narrow ones sums in one pass over all
+        let product = |(at, k): &(usize, usize)| {
+            let columns = w.rows(*at, *k);
+            (columns * columns.transpose()).as_slice().to_vec()
+        };
+        let begin = |s: &(usize, usize)| if s.1 > WIDE { product(s) } else { vec![0.0; s.1 * s.1] };
+        let mut own: Vec<Vec<f64>> = span.iter().map(begin).collect();
         let mut b = DVector::zeros(w.nrows());
         for (row, y) in w.column_iter().zip(y.iter()) {
             let row = row.as_slice();
             b.iter_mut().zip(row).for_each(|(b, v)| *b += v * y);
-            for (g, (at, k)) in own.iter_mut().zip(span) {
+            for (g, (at, k)) in own.iter_mut().zip(span).filter(|(_, s)| s.1 <= WIDE) {
                 let v = &row[*at..at + k];
                 for i in 0..*k {
                     for j in 0..=i {

@@ -122,7 +122,7 @@ pub(super) fn measured_and_predicted(found: &Diagnosis) -> Option<Figure> {
         key(Mark::Reference, Ink::Text, "measured = predicted"),
     ];
     // the comparison of few readings fits all of them
-    let how = if found.report.is_compared() { "" } else { "each reading predicted from the others" };
+    let how = if found.report.is_compared { "" } else { "each reading predicted from the others" };
     Some((chart.finish(), caption("Measured against predicted", &keys, how)))
 }
 

@@ -138,7 +138,7 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     page.note(format!(
         "Size: RMS of the effect over the readings; uncertainties are expanded (k = 2). Share: of the mean square of the gap{}, \
          as the RMS of the gap with only this corrected, and with this corrected as the last. Causes in grey are not established.{assumed}",
-        if r.is_compared() { "" } else { " on readings held out of the fit" }
+        if r.is_compared { "" } else { " on readings held out of the fit" }
     ));
 }
 
