@@ -32,9 +32,10 @@ pub mod session;
 mod spatial_variation;
 mod stochastic;
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use constants::{LITTLE, ROUNDS, SIGNIFICANT, SURE};
+use constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT, STRONG, SURE};
 use evidence::Comparison;
 use library::{Kind, Library, Shape, Without};
 use noise::{ClassNoise, Filter};
@@ -208,7 +209,7 @@ fn analyse(
         // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
         named.variants.retain(|v| v.shape.has_own_name());
         if let Some(analysis) = compare(session, named, &ordinary, (&gap, &lattice_um, &white)) {
-            return analysis;
+            return likelier_zero(session, options, raw, analysis, tell);
         }
     }
     // the search weighs all columns alike: of the processes that have the same columns one stands for all
@@ -309,14 +310,42 @@ fn count_from_ball_zero(
     spatial_variation::find_causes(&mut problem, session, filter, &mut library, &mut selection);
     let then = score(&mut problem, &library, &selection);
     // what takes as many causes to say a little more, or further ones, may only be the misform of one
-    let least = if then.1 < now.1 { search::SWAP_GAIN } else { SIGNIFICANT * SIGNIFICANT };
-    let counts = then.0 > now.0 + least && then.1 <= now.1;
+    let counts = match then.1.cmp(&now.1) {
+        Ordering::Less => then.0 > now.0 + search::SWAP_GAIN,
+        Ordering::Equal => then.0 > now.0 + SIGNIFICANT * SIGNIFICANT,
+        Ordering::Greater => then.0 > HALF * now.0,
+    };
     if counts {
         *raw = raw_from_zero;
     } else {
         session.ball_zero = None;
     }
     counts
+}
+
+/// An analysis by comparison of all sets of effects, or, where that is likelier, one that counts all that the ball of an R-test shows
+/// from where the ball was centred; the session then does so from now on.
+fn likelier_zero(
+    session: &mut Session,
+    options: &Options,
+    raw: &mut RawColumns,
+    analysis: Analysis,
+    tell: &mut dyn FnMut(f64, &str),
+) -> Analysis {
+    if session.ball_zero.is_some() {
+        return analysis;
+    }
+    session.ball_zero = BallZero::of(session);
+    if session.ball_zero.is_none() {
+        return analysis;
+    }
+    let from_zero = analyse(session, options, raw, tell);
+    let log = |a: &Analysis| a.comparison.as_ref().map_or(f64::NEG_INFINITY, |c| c.log_evidence);
+    if log(&from_zero) > log(&analysis) + STRONG {
+        return from_zero;
+    }
+    session.ball_zero = None;
+    analysis
 }
 
 /// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid

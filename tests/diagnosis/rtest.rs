@@ -36,14 +36,14 @@ fn deviation(truth: Truth, at: Vector3<f64>, turn: &Rotation3<f64>) -> Vector3<f
     Vector3::new(truth.scale * at.x, 0.0, 0.0) - (shift - turn * shift)
 }
 
-/// Lines of a laser along X and Y, and two balls on the table.
-fn campaign(seed: u64, truth: Truth) -> Value {
+/// Lines of a laser along X and Y (or none), and two balls on the table.
+fn campaign(seed: u64, lines: &[usize], truth: Truth) -> Value {
     let mut noise = normal(seed);
     let mut table =
         "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,c_deg,u_x,u_y,u_z,target_x_mm,target_y_mm,target_z_mm,moving,deviation_um\n"
             .to_owned();
     let (mut t_s, mut run) = (0.0, 0);
-    for (setup, axis) in [(1, 0), (2, 1)] {
+    for (setup, axis) in (1..).zip(lines.iter().copied()) {
         let offset = 4.0 * noise();
         for repeat in 1..=5 {
             run += 1;
@@ -120,7 +120,7 @@ fn report(table: String, machine: &str) -> Value {
 fn errors_of_the_linear_axes_are_no_location_of_the_table_wherever_the_ball_counts_from() {
     for centred in [false, true] {
         for (scale, shift) in [(0.04, 0.0), (0.0, 6.0), (0.04, 6.0)] {
-            let report = campaign(7, Truth { scale, shift, centred });
+            let report = campaign(7, &[0, 1], Truth { scale, shift, centred });
             let expected: Vec<&str> = [("rotary-location:c", shift), ("scale:x", scale)]
                 .iter()
                 .filter(|e| e.1 != 0.0)
@@ -134,6 +134,16 @@ fn errors_of_the_linear_axes_are_no_location_of_the_table_wherever_the_ball_coun
                 assert_eq!(notes.contains("count from the centring of the ball"), centred, "{notes}");
             }
         }
+    }
+}
+
+#[test]
+fn the_zero_of_the_ball_is_found_from_an_r_test_alone() {
+    for centred in [false, true] {
+        let report = campaign(9, &[], Truth { scale: 0.04, shift: 6.0, centred });
+        assert_eq!(declared(&report), ["rotary-location:c", "scale:x"], "centred: {centred}");
+        let notes = report["notes"].to_string();
+        assert_eq!(notes.contains("count from the centring of the ball"), centred, "{notes}");
     }
 }
 
@@ -184,5 +194,62 @@ fn the_location_of_a_swivel_carries_the_table_on_it_along() {
     for (name, shift_mm) in [("shift_y_um", SHIFT_MM[1]), ("shift_z_um", SHIFT_MM[2])] {
         let found = parameter(&report, "rotary-location", "a", name);
         assert!((found - 1e3 * shift_mm).abs() < 0.3, "{name}: {found}");
+    }
+}
+
+#[test]
+fn a_tilt_of_the_table_that_no_alignment_took_out_is_one_error_beside_lines_over_the_volume() {
+    const TILT_ARCSEC: [f64; 3] = [6.0, -4.0, 0.0];
+    let tilt = Vector3::from(TILT_ARCSEC).map(|v| v / 3600.0).map(f64::to_radians);
+    // the whole table is tilted, at zero, too
+    let deviation = |at: Vector3<f64>| -1e3 * tilt.cross(&(at - Vector3::from(CENTRE)));
+    let mut noise = normal(13);
+    let mut table =
+        "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,c_deg,u_x,u_y,u_z,target_x_mm,target_y_mm,target_z_mm,moving,deviation_um\n"
+            .to_owned();
+    let mut t_s = 0.0;
+    for (setup, axis) in [(1, 0), (2, 1), (3, 2)] {
+        let offset = 4.0 * noise();
+        let u: Vector3<f64> = Vector3::ith(axis, 1.0);
+        for k in 0..150 {
+            t_s += 1.5;
+            // lines that cross the volume, one after the other
+            let along = f64::from(k % 25) / 24.0;
+            let at = Vector3::new(600.0 * along, 80.0 * f64::from(k / 25), 300.0 * (1.0 - along));
+            let d = deviation(at).dot(&u) + offset + NOISE_UM * noise();
+            writeln!(
+                table,
+                "{t_s:.1},laser in flight,{setup},{},1,{:.3},{:.3},{:.3},0,{},{},{},,,,0,{d:.2}",
+                k / 75 + 1,
+                at.x,
+                at.y,
+                at.z,
+                u.x,
+                u.y,
+                u.z
+            )
+            .unwrap();
+        }
+    }
+    for (setup, ball) in [(4, Vector3::new(420.0, 200.0, 150.0)), (5, Vector3::new(300.0, 350.0, 90.0))] {
+        let offset = Vector3::from_fn(|_, _| 4.0 * noise());
+        for repeat in 1..=3 {
+            for k in 0..25 {
+                t_s += 2.0;
+                let c_deg = 15.0 * f64::from(k);
+                let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -c_deg.to_radians());
+                let at = turn * (ball - Vector3::from(CENTRE)) + Vector3::from(CENTRE);
+                let d = deviation(at) - turn * deviation(ball);
+                let value = d + offset + Vector3::from_fn(|_, _| NOISE_UM * noise());
+                let begin = format!("{t_s:.1},r-test,{setup},{repeat},{repeat}");
+                rows(&mut table, &begin, (at, &format!("{c_deg}")), ball, value);
+            }
+        }
+    }
+    let report = report(table, TABLE);
+    assert_eq!(declared(&report), ["rotary-location:c"]);
+    for (name, arcsec) in [("tilt_x_arcsec", TILT_ARCSEC[0]), ("tilt_y_arcsec", TILT_ARCSEC[1])] {
+        let found = parameter(&report, "rotary-location", "c", name);
+        assert!((found - arcsec).abs() < 0.3, "{name}: {found}");
     }
 }

@@ -59,6 +59,8 @@ pub struct Shares {
 pub struct Comparison {
     /// Rows of the session behind each reading or mean of readings that carried it.
     pub groups: Vec<Vec<usize>>,
+    /// Logarithm of the marginal likelihood of all sets.
+    pub log_evidence: f64,
     /// All effects in likely sets, the likeliest first.
     pub contenders: Vec<Contender>,
     /// Probability of a discrepancy.
@@ -461,6 +463,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         .unwrap_or((0.0, 0.0));
     Some(Comparison {
         groups: search.structure.groups.clone(),
+        log_evidence: total,
         contenders,
         discrepancy,
         shares: shares(search, &covariance, gram, best, &scales),

@@ -13,10 +13,11 @@ pub(super) fn rotary_location(data: &Data, of: &Subject) -> Variants {
         let stands = data.axes.contains(&of.axis);
         return if stands { Err("the axis stands still in these data".into()) } else { Ok(Vec::new()) };
     };
-    // what the axis carries either counts as right at its zero, or is wrong with it
+    // what the axis carries either counts as right at its zero, or is wrong with it; a workpiece may be aligned at zero or not at all
     let is_distinct = !frame.workpiece_side || !frame.inner.is_empty();
-    let kinds = [false, true].into_iter().filter(|tied: &bool| !tied || is_distinct);
-    data.structural(kinds.map(|tied| RotaryLocation { frame: frame.clone(), tied }.into()).collect())
+    let kinds = [(false, false, true), (true, false, is_distinct), (true, true, frame.workpiece_side)];
+    let of = |(tied, unaligned, _)| RotaryLocation { frame: frame.clone(), tied, unaligned }.into();
+    data.structural(kinds.into_iter().filter(|k| k.2).map(of).collect())
 }
 
 /// Variants of `rotary-motion`.
@@ -39,7 +40,7 @@ pub(super) fn rotary_eccentricity(data: &Data, of: &Subject) -> Variants {
     Ok([1, 2].map(|harmonics| RotaryEccentricity { frame: frame.clone(), harmonics }.into()).into())
 }
 
-/// Two shifts and two tilts of a rotary axis; no deviation at zero.
+/// Two shifts and two tilts of a rotary axis; no deviation at zero but of what is not aligned there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RotaryLocation {
     pub frame: RotaryFrame,
@@ -47,6 +48,10 @@ pub struct RotaryLocation {
     /// another one turns. Of a table, the axes beyond it are carried along, and the workpiece was aligned with all axes at zero.
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     pub tied: bool,
+    /// Of a table that is tied: the workpiece was not aligned, so that the error shows with all axes at zero, too, as it does in the
+    /// deviation that a model predicts.
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    pub unaligned: bool,
 }
 
 impl RotaryLocation {
@@ -77,7 +82,7 @@ impl Form for RotaryLocation {
         let (outer, own, p) = self.frame.state(m);
         let (sign, tilts) = (self.frame.sign(), self.width() - 2);
         // what is right at the zero of the axis is wrong by the same in the turned frame
-        let (at_zero, home) = match (self.tied, self.frame.workpiece_side) {
+        let (at_zero, home) = match (self.tied, self.frame.workpiece_side && !self.unaligned) {
             (false, _) => (own, p),
             (true, false) => (Mat3::zeros(), p),
             (true, true) => {
