@@ -89,7 +89,7 @@ mod tests {
         let wanted = DVector::from_column_slice(&[0.6 - 0.8, 0.8 + 0.6, 5.0]);
         assert!((&column - wanted).norm() < 1e-12, "{column}");
         v.turn(&mut column, true);
-        assert!((column - before).norm() < 1e-12);
+        assert!((column - &before).norm() < 1e-12);
         assert!((v.log_variance() - 4f64.ln()).abs() < 1e-12);
         // mean 3/4 of 2, variance 3/4, over three rows
         assert!((v.mean_square(&before) - (1.5f64.powi(2) + 0.75) / 3.0).abs() < 1e-12);
