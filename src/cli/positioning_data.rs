@@ -4,7 +4,6 @@
 use std::io::Cursor;
 use std::ops::RangeInclusive;
 
-use super::acceptance::Stated;
 use super::input::text_of;
 use super::table::Table;
 use crate::prelude::*;

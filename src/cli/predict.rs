@@ -17,7 +17,7 @@ use volcomp_units::axes::MAX_AXES;
 
 /// Predict the error of the tool, and the corrections of the axes, at every point of a table; or a measured circle.
 #[derive(Debug, clap::Parser)]
-#[command(after_long_help = circle::HELP)]
+#[command(after_long_help = include_str!("predict/circle.txt"))]
 pub(super) struct Args {
     /// The model file.
     #[arg(long, value_name = "FILE")]

@@ -56,8 +56,12 @@ pub(super) fn open_stream(path: &Path) -> Result<Table> {
 }
 
 fn open_as(path: &Path, kind: InputKind) -> Result<Table> {
-    let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
-    Table::new(input::open(path, kind)?.buffered(), file)
+    Table::new(input::open(path, kind)?.buffered(), name_of(path))
+}
+
+/// The name of a file in messages.
+pub(super) fn name_of(path: &Path) -> String {
+    if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() }
 }
 
 impl Table {

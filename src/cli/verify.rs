@@ -2,7 +2,7 @@
 
 mod record;
 
-use crate::acceptance::{Acceptance, Assessed, HeadArgs, Judged};
+use crate::acceptance::HeadArgs;
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};

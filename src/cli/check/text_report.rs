@@ -180,13 +180,13 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         }
         // the largest offset that positioning alone asks for must fit below the limit
         let positioning = positioning_symbol(axis.name);
-        if let Some((symbol, function)) = model.errors.iter().find(|(s, _)| *s == positioning) {
-            let size = Size::of(*symbol, function, model);
+        if let Some(function) = model.error(positioning) {
+            let size = Size::of(positioning, function, model);
             let largest = size.low.abs().max(size.high.abs());
             let limit = offset_out(axis.name, axis.limits.size);
             if largest > limit {
                 cut_off.push(format!(
-                    "{symbol} alone reaches {} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
+                    "{positioning} alone reaches {} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
                     plain(largest, 2),
                     axis.name,
                     unit = size.unit

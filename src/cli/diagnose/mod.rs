@@ -38,17 +38,7 @@ use volcomp_effects::prediction::machine_of;
 /// Without --model the machine is ideal, with the axes of the data; it is written to model.toml in --out, ready for volcomp
 /// model extend.
 #[derive(Debug, clap::Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp diagnose test.dat\n  \
-    volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \
-    volcomp diagnose --model m.toml --data s.csv --fresh tomorrow.csv --out gap --json\n  \
-    volcomp diagnose --model m.toml --plan --data program.csv\n  \
-    volcomp diagnose --data test.dat --axis y --out gap\n  \
-    volcomp diagnose --data circle.csv --plane xy --radius-mm 100 --out gap\n  \
-    volcomp diagnose --data plate.txt --out gap\n  \
-    volcomp diagnose --data capture.csv --axes x=1,y=2,z=6 --only y --out gap\n  \
-    volcomp diagnose --data spindle.csv --series z=ch5_um --out gap\n  \
-    volcomp diagnose --list-effects backlash")]
+#[command(after_help = include_str!("help.txt"))]
 pub(super) struct Args {
     /// The model file; without one an ideal machine with the axes of the data.
     #[arg(long, value_name = "FILE")]

@@ -7,11 +7,9 @@ use super::uncertainty_args::UncertaintyArgs;
 use super::{
     CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, show, side_by_side,
 };
-use crate::acceptance::{Acceptance, Assessed, Judged};
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
-use crate::units::check_size;
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
 };

@@ -3,7 +3,6 @@
 use super::page;
 use super::picture::gear::{self as drawing, Panel};
 use super::{Output, change, percent, show};
-use crate::acceptance::{Acceptance, Judged};
 use crate::prelude::*;
 use volcomp_evaluate::gear::{
     CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, flanks, tolerance_um,

@@ -6,11 +6,10 @@ use super::uncertainty_args::UncertaintyArgs;
 use super::{
     CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, show, side_by_side, values,
 };
-use crate::acceptance::{Acceptance, Assessed, Judged, NOT_STATED, Stated};
+use crate::acceptance::NOT_STATED;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::prelude::*;
 use crate::start_up::{StartUp, in_report_units, words};
-use crate::units::check_size;
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
 

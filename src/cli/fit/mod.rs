@@ -14,7 +14,6 @@ use self::basis::Auto;
 use self::input::{BySymbol, Direction, Format, Measured, read};
 use self::picture::PictureArgs;
 use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, print_notes, table};
-use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use super::positioning_data::Cycles;
 use crate::prelude::*;
 use volcomp_identify::curve::{self, Basis, Drift, Period, Request, Reversal, Smoothing};
@@ -353,14 +352,14 @@ impl Args {
         for f in fitted {
             let name = |i: usize| self.errors[i].display().to_string();
             let from = sources.only(|i| f.measured.is_from(&name(i))).provenance();
-            put(&mut model, f.symbol, f.fit.function(), from);
+            model.put(f.symbol, f.fit.function(), from);
         }
         for (symbol, value) in &self.squareness {
-            put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)), Provenance::default());
+            model.put(*symbol, ErrorFunction::single(Curve::Constant(*value)), Provenance::default());
         }
         for (name, range) in &self.travel {
             let range = if name.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range };
-            axis_entry(&mut model.spec, *name).travel = Some(range);
+            model.spec.axis_mut(*name).travel = Some(range);
         }
         for f in fitted {
             let axis = model.spec.axis(f.symbol.axis());
@@ -371,7 +370,7 @@ impl Args {
                     axis.name
                 );
             }
-            axis_entry(&mut model.spec, axis.name);
+            model.spec.axis_mut(axis.name);
         }
         let rotary = fitted.iter().filter(|f| f.symbol.axis().kind() == AxisKind::Rotary);
         for symbol in rotary.map(|f| f.symbol) {

@@ -4,7 +4,6 @@ use super::Result;
 use super::input::{BySymbol, Measured};
 use super::report::Fitted;
 use crate::prelude::*;
-use crate::units::{check_size, column};
 use volcomp_model::ModelError;
 
 /// Widest gap between neighbouring positions, in ranges of all others.

@@ -4,7 +4,6 @@ use plotters::prelude::*;
 
 use super::picture::PictureArgs;
 use crate::identify::{Column, Columns, columns};
-use crate::model_writer::{ModelWriter, Sources};
 use crate::prelude::*;
 use crate::report::plot::{self, Axes, Key};
 use volcomp_estimate::Quantity;
@@ -18,11 +17,7 @@ use volcomp_model::curve::Live;
 /// the last part of the recording is kept back and forecast, so the figures say what to expect tomorrow, not how well
 /// yesterday can be explained.
 #[derive(Debug, clap::Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
-    volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \
-    --symbol ezz --limit-um 80 --into model.toml --html spindle.html\n\n\
-    The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/how-to/thermal.md).")]
+#[command(after_help = include_str!("thermal.txt"))]
 pub(super) struct Args {
     /// The recording: CSV with a header. - is stdin.
     file: PathBuf,

@@ -1,11 +1,9 @@
 //! `volcomp identify fits`: a curve through x and y, in the units of the file, with every figure.
 
 use clap::ValueEnum;
-use serde::Deserialize;
 
 use crate::fit::AutoOr;
-use crate::identify::{CaseArgs, CaseFile, Found, Front, Method, printed};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::curve::monomial::polynomial;
 use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
 

@@ -1,15 +1,10 @@
 //! `volcomp identify kalman`: the filter on node values, on a case or on a recording.
 
-use serde::Deserialize;
-
-use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
-use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_estimate::filter::COMPONENTS_MAX;
 use volcomp_estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Update, Verdict,
 };
-use volcomp_model::curve::{CurveError, Grid};
 
 /// Kalman filter on the node values of a grid of hexahedral cells.
 ///
@@ -269,8 +264,7 @@ impl<'a> Outcome<'a> {
         .map_err(Failure::usage)?;
         let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
         let run = Run::of(&mut table, &columns, &grid, (&mut filter, &mut noise), offline_at)?;
-        let function =
-            with_grid(before, &axes, &grid, &filter).map_err(|e| data!(symbol.to_string(), "{e}"))?;
+        let function = filter.added_to(before, axes, &grid).map_err(|e| data!(symbol.to_string(), "{e}"))?;
         Ok(Self { args, path, model, function, axes, symbol, grid, filter, noise, run })
     }
 }
@@ -321,9 +315,9 @@ impl Found for Outcome<'_> {
     fn write(&self) -> Result<String> {
         let (files, mut model) = ([self.path.to_owned()], self.model.clone());
         let sources = Sources::of(&files);
-        put(&mut model, self.symbol, self.function.clone(), sources.provenance());
+        model.put(self.symbol, self.function.clone(), sources.provenance());
         for name in self.axes.into_iter().chain([self.symbol.axis()]) {
-            axis_entry(&mut model.spec, name);
+            model.spec.axis_mut(name);
         }
         self.args.model.write(&model, &sources.heading("identify kalman"), &files)?;
         Ok(String::new())
@@ -340,18 +334,13 @@ fn offline(model: &ModelFile, symbol: ErrorSymbol) -> Result<ErrorFunction> {
             axis.name
         ));
     }
-    let known = model.spec.errors.iter().find(|(s, _)| *s == symbol);
-    Ok(known.map(|(_, function)| function.clone()).unwrap_or_default())
+    Ok(model.spec.error(symbol).cloned().unwrap_or_default())
 }
 
 /// The offline error at a place; axes that the table does not have stand at 0.
 fn value_at(function: &ErrorFunction, symbol: ErrorSymbol, axes: &[AxisName; 3], at: [f64; 3]) -> f64 {
     let coordinate = |name: AxisName| axes.iter().position(|a| *a == name).map_or(0.0, |i| at[i]);
-    let grids = function.grids.iter().map(|g| {
-        let own: Vec<f64> = g.axes().map(coordinate).collect();
-        g.value(&own).0
-    });
-    function.value(coordinate(symbol.axis()), Travel::Forward) + grids.sum::<f64>()
+    function.value(coordinate(symbol.axis()), Travel::Forward) + function.grids_value(coordinate)
 }
 
 impl Run {
@@ -404,27 +393,4 @@ impl Run {
         run.mean_ratio /= n;
         Ok(run)
     }
-}
-
-/// The function with the map as one more grid, or in place of a grid over the same nodes.
-fn with_grid(
-    mut function: ErrorFunction,
-    axes: &[AxisName; 3],
-    grid: &NodeGrid,
-    filter: &NodeFilter,
-) -> Result<ErrorFunction, CurveError> {
-    // the grid of the model has its last axis fastest, the filter its first
-    let edges = |i: usize| (axes[i], grid.positions(i).to_vec());
-    let mut values: Vec<f64> = filter.map().collect();
-    let same = |g: &Grid| {
-        g.axes().eq([axes[2], axes[1], axes[0]]) && (0..3).all(|i| g.positions(i) == grid.positions(2 - i))
-    };
-    if let Some(at) = function.grids.iter().position(same) {
-        let old = function.grids.remove(at);
-        values.iter_mut().zip(old.values()).for_each(|(new, old)| *new += old);
-    }
-    function.grids.push(Grid::new(vec![edges(2), edges(1), edges(0)], values)?);
-    let variances: f64 = filter.variances().sum();
-    function.std = Some((variances / filter.state().len() as f64).sqrt());
-    Ok(function)
 }

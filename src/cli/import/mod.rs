@@ -10,8 +10,6 @@ use std::io::BufRead;
 
 use clap::{Parser, ValueEnum};
 
-use super::model_writer::ModelWriter;
-use super::positioning_data::format_failure;
 use crate::prelude::*;
 use volcomp_formats::columns::{ColumnMap, Delimiter};
 use volcomp_formats::heidenhain::Sign;
@@ -25,14 +23,7 @@ use volcomp_formats::{detect, isg, linuxcnc};
 /// Laser tests become `cycle,direction,target_mm,deviation_um`; captures `t_s` and columns that end in their units;
 /// ballbar figures `feature,value,unit` (JSON where --out ends in .json); tables of controls a model file.
 #[derive(Debug, Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp import x.rtl --out x.csv\n  \
-    volcomp import c.rtl --axis c --deviation-unit mrad --out c.csv\n  \
-    volcomp import run.json --axes x=1,y=2,z=6,c=4 --out run.csv\n  \
-    volcomp import soll.csv --columns \"target=Soll:mm,deviation=Abw:um\" --delimiter ';' --decimal-comma --out x.csv\n  \
-    volcomp import vc.csv --format isg --chain \"[w X' b Y Z t]\" --sense carriage --out model.toml\n  \
-    volcomp import x.comp --format linuxcnc --axis x --comp-type 0 --into model.toml\n\
-    \nThe formats, their signs and what they cannot hold: docs/reference/formats.md")]
+#[command(after_help = include_str!("help.txt"))]
 pub(super) struct Args {
     /// Files; several where they make one table or model. - is stdin.
     #[arg(required = true, value_name = "FILE")]

@@ -2,7 +2,7 @@
 
 use super::{Args, FormatArg, encoding_note, note_list, open};
 use crate::files::Rows;
-use crate::positioning_data::{format_failure, parse_dat};
+use crate::positioning_data::parse_dat;
 use crate::predict::push_number;
 use crate::prelude::*;
 use crate::progress::Progress;

@@ -8,7 +8,6 @@ use std::rc::Rc;
 use super::positioning::read_failure;
 use super::{Args, encoding_note, note_list, open};
 use crate::files::Rows;
-use crate::positioning_data::format_failure;
 use crate::prelude::*;
 use crate::progress::Progress;
 use volcomp_formats::columns::Columns;

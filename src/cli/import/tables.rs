@@ -1,8 +1,6 @@
 //! Tables of controls to a model.
 
 use super::{Args, FormatArg, encoding_note};
-use crate::model_writer::{Sources, default_chain, put};
-use crate::positioning_data::format_failure;
 use crate::prelude::*;
 use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc};
@@ -28,7 +26,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
             seen.push(symbol);
             refuse_other_reference(&model, symbol, format, &file)?;
             describe(symbol, &function);
-            put(&mut model, symbol, function, sources.only(|i| i == index).provenance());
+            model.put(symbol, function, sources.only(|i| i == index).provenance());
         }
     }
     args.model.write(&model, &sources.comments(), &args.files)

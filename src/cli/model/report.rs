@@ -160,7 +160,6 @@ impl Report<'_> {
     fn error_json(&self, symbol: ErrorSymbol, function: &ErrorFunction) -> Value {
         let size = Size::of(symbol, function, self.spec());
         let unit = size.unit;
-        let own = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
         json!({
             "symbol": key(symbol),
             "kinds": kinds_of(function),
@@ -169,7 +168,7 @@ impl Report<'_> {
             format!("highest_{unit}"): size.high,
             format!("peak_to_peak_{unit}"): rounded(size.high - size.low),
             format!("std_{unit}"): function.std.map(|s| rounded(error_out(symbol, s))),
-            "provenance": own.map(|(_, p)| provenance_json(p)),
+            "provenance": self.file.origin_of(symbol).map(provenance_json),
         })
     }
 }
@@ -216,7 +215,6 @@ pub(crate) fn errors(file: &ModelFile) -> (Table, Table) {
 fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) -> [String; 9] {
     let size = Size::of(symbol, function, &file.spec);
     let unit = position_unit(symbol.axis());
-    let own = file.of_errors.iter().find(|(s, _)| *s == symbol);
     let [low, high, range] = [size.low, size.high, size.high - size.low].map(|v| plain(v, 2));
     [
         key(symbol),
@@ -227,7 +225,7 @@ fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) ->
         range,
         size.unit.to_owned(),
         function.std.map_or(String::new(), |s| format!("{:.2}", error_out(symbol, s))),
-        own.map_or(String::new(), |(_, p)| origin_words(p)),
+        file.origin_of(symbol).map_or(String::new(), origin_words),
     ]
 }
 

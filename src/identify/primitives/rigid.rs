@@ -68,6 +68,20 @@ impl RigidFit {
         self.rotation * covariance * self.rotation.transpose()
     }
 
+    /// Root mean square of a residual coordinate, mm.
+    #[must_use]
+    pub fn rms(&self) -> f64 {
+        let sum: f64 = self.residuals.iter().map(Vec3::norm_squared).sum();
+        (sum / (3.0 * self.residuals.len() as f64)).sqrt()
+    }
+
+    /// The point with the largest residual, and its length, mm.
+    #[must_use]
+    pub fn worst(&self) -> (usize, f64) {
+        let lengths = self.residuals.iter().map(Vec3::norm).enumerate();
+        lengths.fold((0, 0.0), |m, r| if r.1 > m.1 { r } else { m })
+    }
+
     /// What the uncertainty of the registration does to the image of a point: covariance, mm2.
     #[must_use]
     pub fn covariance_at(&self, image: &Vec3) -> Mat3 {

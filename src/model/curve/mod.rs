@@ -164,6 +164,11 @@ impl ErrorFunction {
         self.curves.iter().map(|c| c.value(position, travel)).sum()
     }
 
+    /// The part of the grids; `at` gives the coordinate of an axis.
+    pub fn grids_value(&self, at: impl Fn(AxisName) -> f64) -> f64 {
+        self.grids.iter().map(|grid| grid.value(&grid.axes().map(&at).collect::<Vec<_>>()).0).sum()
+    }
+
     /// The range that all curves cover; `None` where all hold everywhere.
     #[must_use]
     pub fn range(&self) -> Option<[f64; 2]> {

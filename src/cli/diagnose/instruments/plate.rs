@@ -1,7 +1,6 @@
 //! Plates: lists of hole or ball positions from a CMM, drilled by the machine or measured on it.
 
 use super::{Measurement, Rows, along};
-use crate::positioning_data::format_failure;
 use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_evaluate::PlatePoint;

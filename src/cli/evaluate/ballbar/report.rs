@@ -2,7 +2,6 @@
 
 use super::trend::Trend;
 use super::{Test, shown};
-use crate::acceptance::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
 use crate::identify::ballbar::report::{

@@ -1,8 +1,8 @@
 //! What `volcomp identify ballbar` says: JSON with the names and units of ballbar result files, a table for people.
 
-use super::Plan;
+use super::{Plan, reading};
 use crate::prelude::*;
-use volcomp_evaluate::{Centring, CircularReading, Circularity};
+use volcomp_evaluate::{CircularReading, Circularity};
 use volcomp_identify::ballbar::{
     Analysis, Effect, End, Estimate, Harmonic, LengthChange, Note, Plane, Reason, Sample,
 };
@@ -30,23 +30,14 @@ pub(crate) struct Roundness {
 }
 
 pub(crate) fn roundness(plan: &Plan) -> Roundness {
-    // an arc cannot be centred by ISO 230-4: the centre found with the effects is taken out instead
-    let evaluate = |deviation: &dyn Fn(usize) -> f64, [x, y]: [f64; 2]| {
-        let read = |off: [f64; 2]| -> Vec<CircularReading> {
-            let one = |(i, s): (usize, &Sample)| CircularReading {
-                angle: s.angle,
-                deviation: deviation(i) - off[0] * s.angle.cos() - off[1] * s.angle.sin(),
-                travel: s.travel,
-            };
-            plan.circles.samples.iter().enumerate().map(one).collect()
-        };
-        let centred = Centring::LeastSquares { radius: Some(plan.circles.radius) };
-        Circularity::evaluate(&read([0.0; 2]), centred)
-            .or_else(|_| Circularity::evaluate(&read([x, y]), Centring::None))
-            .ok()
+    let samples = &plan.circles.samples;
+    let evaluate = |deviation: &dyn Fn(usize) -> f64, offset: [f64; 2]| {
+        let one = |(i, s): (usize, &Sample)| CircularReading { deviation: deviation(i), ..reading(s) };
+        let readings: Vec<CircularReading> = samples.iter().enumerate().map(one).collect();
+        Circularity::about(&readings, plan.circles.radius, offset).ok()
     };
     let offset = plan.analysis.offset.map(|(v, _)| v);
-    let measured = evaluate(&|i| plan.circles.samples[i].deviation, offset);
+    let measured = evaluate(&|i| samples[i].deviation, offset);
     Roundness { measured, residual: evaluate(&|i| plan.analysis.residuals[i], [0.0; 2]) }
 }
 

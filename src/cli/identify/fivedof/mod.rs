@@ -7,9 +7,7 @@ mod resting;
 use self::drift_check::DriftCheck;
 use self::head_file::HeadFile;
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
-use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
-use crate::prelude::*;
-use crate::units::column;
+use crate::identify::prelude::*;
 use volcomp_identify::fivedof::align::{Aligned, Level, align};
 use volcomp_identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
 use volcomp_identify::straightness::{Line, Rule};
@@ -52,7 +50,7 @@ enum RollArg {
     Skip,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Case {
     focal: Focal,
     distance: f64,
@@ -62,7 +60,7 @@ struct Case {
     readings: BTreeMap<String, f64>,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Focal {
     f1: f64,
     f2: f64,

@@ -2,9 +2,7 @@
 
 use super::head_file::HeadFile;
 use super::{Args, channel_columns, read_channels, see_help};
-use crate::files::continue_text;
-use crate::identify::columns;
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::fivedof::resting::{Calibration, Estimate, RestingReading, calibrate};
 use volcomp_identify::fivedof::{Detector, lateral};
 

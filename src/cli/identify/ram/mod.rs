@@ -1,14 +1,10 @@
 //! `volcomp identify ram`: tool poses at several positions of the head to the errors of the ram.
 
-use serde::Deserialize;
-
-use super::case::{refused, rows};
-use super::motion_curves::{Origin, Report};
-use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
-use crate::model_writer::{data_error, default_chain};
-use crate::prelude::*;
+use super::motion_curves::Origin;
+use crate::identify::prelude::*;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
+use volcomp_model::statistics::ChiSquare;
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
 ///
@@ -191,7 +187,7 @@ impl Report for Fits {
 
 /// Residuals over stated noise, where larger.
 fn misfit(fit: &RamFit) -> f64 {
-    if fit.dof == 0 { 1.0 } else { (fit.chi2 / fit.dof as f64).sqrt().max(1.0) }
+    ChiSquare { sum: fit.chi2, dof: fit.dof }.noise_factor().map_or(1.0, |factor| factor.max(1.0))
 }
 
 fn warn(fits: &[RamFit]) {

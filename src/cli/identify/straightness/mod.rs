@@ -3,12 +3,10 @@
 pub(super) mod axis_writer;
 mod sign_file;
 
-use self::axis_writer::{AxisWriter, Measured, Origin, means};
+use self::axis_writer::{AxisWriter, Measured, Origin};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
-use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, RunColumns, columns, printed};
-use crate::files::continue_text;
-use crate::prelude::*;
-use crate::units::column;
+use crate::identify::prelude::*;
+use volcomp_identify::straightness::runs::means;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
 use volcomp_identify::straightness::{Line, Rule, levers};
 
@@ -40,7 +38,7 @@ pub(crate) struct Args {
     out: AxisWriter,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Case {
     x: Vec<f64>,
     y: Vec<f64>,

@@ -4,13 +4,8 @@ mod plan;
 mod read;
 mod report;
 
-use serde::Deserialize;
-
-use super::case::{refused, rows};
 use super::motion_curves::Origin;
-use crate::identify::{CaseArgs, CaseFile, CurveArgs, Found, Frame, Front, Method, TrackerArgs, printed};
-use crate::model_writer::{data_error, default_chain};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::motion::{MotionRow, to_relative};
 use volcomp_identify::threepoint::{
     Geometry, Observation, PoseErrors, Seen, Series, ThreePointError, TrackerNoise, geometry, sides, solve,

@@ -1,10 +1,7 @@
 //! `volcomp identify threepoint --plan`: points and runs for a wanted uncertainty.
 
 use super::{Args, read};
-use crate::arg_parsers::numbers;
-use crate::identify::{Found, printed};
-use crate::model_writer::default_chain;
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
 
 /// The three angular error motions.

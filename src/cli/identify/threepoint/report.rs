@@ -1,9 +1,7 @@
 //! What the n-point method says about an axis.
 
 use super::of_geometry;
-use crate::identify::motion_curves::Report;
-use crate::identify::{Frame, Motions, Registered};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
 
 /// Everything there is to say beside the motions.

@@ -1,7 +1,6 @@
 //! What is put together: model files and tables of motions, each with its hash.
 
 use super::Args;
-use crate::acceptance::file_name;
 use crate::fit::input::{BySymbol, Direction, Format, read};
 use crate::prelude::*;
 use volcomp_identify::assemble::Source;
