@@ -6,6 +6,8 @@
 //!
 //! Source: equations 5.8. Gate, alarm, caps and the bounded output are there, too.
 
+mod recording;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::grid::{NodeGrid, NodePlace};
@@ -13,6 +15,8 @@ use super::noise::MeasurementNoise;
 use volcomp_model::ErrorFunction;
 use volcomp_model::axes::AxisName;
 use volcomp_model::curve::{CurveError, Grid};
+
+pub use recording::{Run, Sample};
 
 /// Most components of one filter: three angles and three positions.
 pub const COMPONENTS_MAX: usize = 6;
@@ -110,6 +114,16 @@ pub struct Observation {
     pub value: f64,
     /// A number beside the map that the reading depends on, too ([`NodeFilter::add_nuisance`]): which, and its weight.
     pub nuisance: Option<(usize, f64)>,
+}
+
+impl Observation {
+    /// A reading of the first component alone.
+    #[must_use]
+    pub fn alone(place: NodePlace, value: f64) -> Self {
+        let mut weights = [0.0; COMPONENTS_MAX];
+        weights[0] = 1.0;
+        Self { place, weights, value, nuisance: None }
+    }
 }
 
 /// What became of an observation.

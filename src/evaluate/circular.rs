@@ -103,6 +103,12 @@ const READINGS_NEEDED: usize = 8;
 const GAP_LIMIT: f64 = TAU / 4.0;
 
 impl Circularity {
+    /// The widest of a circular test.
+    #[must_use]
+    pub fn widest(&self) -> f64 {
+        self.g_both.or(self.g_forward).or(self.g_backward).unwrap_or(0.0)
+    }
+
     /// About the least-squares circle of this nominal radius (mm); an arc, which cannot be centred so, about `offset` (mm).
     ///
     /// # Errors

@@ -157,6 +157,20 @@ fn reading(row: &MotionRow, component: usize) -> Reading {
     Reading { cycle: row.cycle, travel: row.travel, position: row.position, value: row.motion[component] }
 }
 
+/// Slope of a motion over the position by least squares, in its unit per mm; 0 at a single position.
+#[must_use]
+pub fn slope(rows: &[MotionRow], component: usize) -> f64 {
+    let n = rows.len() as f64;
+    let of = |r: &MotionRow| (r.position, r.motion[component]);
+    let (mean_q, mean_e) = rows.iter().map(of).fold((0.0, 0.0), |m, (q, e)| (m.0 + q / n, m.1 + e / n));
+    let (mut qq, mut qe) = (0.0, 0.0);
+    for (q, e) in rows.iter().map(of) {
+        qq += (q - mean_q).powi(2);
+        qe += (q - mean_q) * (e - mean_e);
+    }
+    if qq > 0.0 { qe / qq } else { 0.0 }
+}
+
 impl Gauged {
     /// The readings of one error motion, for a curve fit.
     #[must_use]

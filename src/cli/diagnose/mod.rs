@@ -13,7 +13,6 @@ use std::io::{self, IsTerminal};
 
 use self::ideal::Rotary;
 use self::input::Source;
-use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{is_of, read_addition};
 use super::exit;
@@ -131,7 +130,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let base = base.map(|(path, (.., hash))| Base { file: path.display().to_string(), hash: hash.clone() });
     let (spec, model) = model.map(|(spec, model, _)| (spec, model)).unzip();
     let data = if args.data.is_empty() { &args.files } else { &args.data };
-    let logs = Logs::read(&args.history)?;
+    let logs = logs::read(&args.history)?;
     let (mut session, rotary, stated) = load(args, data, &logs, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
@@ -141,7 +140,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let mut fresh = match args.fresh.as_slice() {
         [] => None,
         files => {
-            let own = Logs::read(&args.fresh_history)?;
+            let own = logs::read(&args.fresh_history)?;
             let logs = if args.fresh_history.is_empty() { &logs } else { &own };
             let (fresh, ..) = load(args, files, logs, model.as_ref(), &additions, &machine)?;
             let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
@@ -188,7 +187,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 fn load(
     args: &Args,
     files: &[PathBuf],
-    logs: &Logs,
+    logs: &volcomp_diagnose::session::Logs,
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
@@ -205,7 +204,7 @@ fn load(
             }
         }
     }
-    let (history, notes) = logs.of(&raws)?;
+    let (history, notes) = logs.of(&raws, logs::folder_of).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     let ideal = rotary.filter(|_| model.is_none()).map(ideal::rotary_machine).transpose()?;
     let machine = ideal.as_ref().map_or(machine, |(machine, _)| machine);
     let mut session =

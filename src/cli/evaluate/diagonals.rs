@@ -2,7 +2,7 @@
 
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
-use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
+use super::positioning::{as_json, length, table as each_direction};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
     CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, show, side_by_side,
@@ -86,12 +86,10 @@ fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Condition
                 Some(Uncertainties::of(p, conditions, length(p)))
             });
             let bare = key.trim_end_matches("_um");
-            let expanded = of_worst
-                .as_ref()
-                .and_then(|u| stated(u).into_iter().find(|(k, _)| *k == bare))
-                .map(|(_, u)| u);
+            let of_figure = of_worst.and_then(|u| u.figure(bare));
+            let expanded = of_figure.and_then(|of| of.measurement);
             let figure = acceptance.assess(key, name, worst.map(|(_, v)| v), expanded);
-            Assessed { compared: of_worst.as_ref().and_then(|u| whole_uncertainty(u, bare)), ..figure }
+            Assessed { compared: of_figure.map(|of| of.expanded.total()), ..figure }
         })
         .collect()
 }

@@ -5,7 +5,6 @@ use crate::identify::prelude::*;
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
 use volcomp_model::geometry::Mat3;
-use volcomp_model::statistics::ChiSquare;
 
 /// What is known of the instrument.
 #[derive(Debug, clap::Args)]
@@ -233,29 +232,19 @@ impl Place {
 }
 
 impl Registered {
-    fn test(&self) -> ChiSquare {
-        ChiSquare { sum: self.fit.chi2, dof: self.fit.dof }
-    }
-
     /// Probability of residuals this large, where the noise was stated.
     fn p_value(&self) -> Option<f64> {
-        self.test().p_value().filter(|_| self.stated)
-    }
-
-    /// Noise of the residuals over the stated one where that was exceeded, or where none was stated.
-    fn scale(&self) -> f64 {
-        let factor = self.test().noise_factor().unwrap_or(1.0);
-        if self.stated { factor.max(1.0) } else { factor }
+        self.fit.test().p_value().filter(|_| self.stated)
     }
 
     /// Standard deviations: of the centre (mm) and of the three rotations (rad).
     pub(super) fn std(&self) -> [f64; 6] {
-        core::array::from_fn(|i| self.scale() * self.fit.covariance[(i, i)].sqrt())
+        self.fit.std(self.stated)
     }
 
     /// What the registration does to a point of M: standard deviation of its largest direction, mm.
     pub(super) fn std_at(&self, point: &Vec3) -> f64 {
-        self.scale() * self.fit.covariance_at(point).symmetric_eigenvalues().max().sqrt()
+        self.fit.std_at(point, self.stated)
     }
 
     pub(super) fn print(&self) {

@@ -29,11 +29,13 @@
 
 mod check;
 mod columns;
+mod features;
 mod model;
 mod pitch;
 mod runs;
 mod solve;
 
+pub use features::Feature;
 pub use model::{Assembled, assemble};
 pub use runs::{cut_overshoot, run_starts, travelled};
 pub use solve::analyse;

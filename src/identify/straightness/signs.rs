@@ -210,10 +210,15 @@ impl SignTable {
         })
     }
 
+    /// The angles that would turn against a right-handed frame.
+    pub fn left_handed(&self) -> impl Iterator<Item = Channel> + use<> {
+        Channel::ALL.into_iter().skip(3).zip(self.parity()).filter(|(_, p)| *p == Some(false)).map(|(c, _)| c)
+    }
+
     /// True where every angle that can be judged is right-handed.
     #[must_use]
     pub fn is_right_handed(&self) -> bool {
-        self.parity().iter().all(|p| p.unwrap_or(true))
+        self.left_handed().next().is_none()
     }
 
     /// Channel readings to EX EY EZ EA EB EC; components without a channel are `None`.

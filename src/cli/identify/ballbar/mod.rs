@@ -326,22 +326,11 @@ fn add(model: &mut ModelFile, found: &Assembled, from: Provenance) {
     let curve = if mirrors { mirrored_curve(&found.curve) } else { found.curve.clone() };
     let function = match model.spec.error(found.symbol) {
         None => ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) },
-        Some(old) => sum(old.clone(), curve, found.std),
+        Some(old) => old.clone().with(curve, found.std),
     };
     let from = model.origin_of(found.symbol).map(|old| old.joined(&from)).unwrap_or(from);
     model.put(found.symbol, function, from);
     model.spec.axis_mut(axis);
-}
-
-/// An error of a model with what was found beyond it.
-fn sum(mut old: ErrorFunction, more: Curve, std: f64) -> ErrorFunction {
-    if let ([Curve::Constant(value)], Curve::Constant(more)) = (&mut old.curves[..], &more) {
-        // measured anew as a whole
-        *value += more;
-        return ErrorFunction { std: Some(std), ..old };
-    }
-    old.curves.push(more);
-    ErrorFunction { std: Some(old.std.unwrap_or(0.0).hypot(std)), ..old }
 }
 
 #[cfg(test)]

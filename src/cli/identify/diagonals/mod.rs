@@ -4,9 +4,10 @@ mod vector;
 
 use crate::identify::prelude::*;
 use crate::positioning_data::TestColumns;
+use volcomp_evaluate::Diagonal;
 use volcomp_identify::diagonals::measurement::{Measurement, Steps};
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
-use volcomp_identify::diagonals::{MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, without_squareness};
+use volcomp_identify::diagonals::{MissingAngle, NAMES, SQUARENESS, Setup, without_squareness};
 use volcomp_model::statistics::student_95;
 
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
@@ -212,19 +213,11 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
     })
 }
 
-/// Index into [`SIGNS`], and whether the name starts from the other end.
+/// Index into [`NAMES`], and whether the name starts from the other end.
 fn diagonal_of(word: &str) -> Option<(usize, bool)> {
-    let signs: Vec<f64> = word
-        .chars()
-        .map(|c| match c.to_ascii_lowercase() {
-            'p' => Some(1.0),
-            'n' => Some(-1.0),
-            _ => None,
-        })
-        .collect::<Option<_>>()?;
-    let signs = <[f64; 3]>::try_from(signs).ok()?;
-    let find = |s: [f64; 3]| SIGNS.iter().position(|known| *known == s);
-    find(signs).map(|i| (i, false)).or_else(|| find(signs.map(|s| -s)).map(|i| (i, true)))
+    let diagonal = Diagonal::parse(word)?;
+    let index = NAMES.iter().position(|name| *name == diagonal.name())?;
+    Some((index, !word.eq_ignore_ascii_case(diagonal.name())))
 }
 
 /// Values of the four diagonals.

@@ -229,12 +229,7 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
         return Ok(set_up.table);
     }
     if !set_up.table.is_right_handed() {
-        let wrong = Channel::ALL[3..]
-            .iter()
-            .zip(set_up.table.parity())
-            .filter(|(_, p)| *p == Some(false))
-            .map(|(c, _)| c.name())
-            .joined(", ");
+        let wrong = set_up.table.left_handed().map(Channel::name).joined(", ");
         return Err(mistake!(
             path,
             "[{}] is not a rotation of axes: {wrong} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
