@@ -60,13 +60,14 @@ fn recording<'a>(path: &Path, bytes: &'a [u8]) -> Result<Recording<'a>> {
 }
 
 /// Entries that a run had and the files have not.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Missing {
     /// The file that should hold them or that follows them.
     pub(super) file: String,
     /// How many, where that is known.
     pub(super) records: Option<u64>,
     /// Number of the next entry; `None` at the end of the last file.
+    #[serde(rename = "before_record")]
     pub(super) before: Option<u64>,
     /// Time of the last entry before and of the first one after them, s since the first entry of the files.
     pub(super) from_s: Option<f64>,

@@ -67,7 +67,7 @@ pub(super) fn name_of(path: &Path) -> String {
 impl Table {
     /// Reads the header.
     pub(super) fn new(source: impl BufRead + 'static, file: String) -> Result<Self> {
-        let progress = Progress::new(Path::new(&file));
+        let progress = Progress::of_file(Path::new(&file));
         let mut table = Self {
             source: Box::new(source),
             file,
@@ -369,31 +369,11 @@ pub(super) fn other_unit(column: &str, wanted: &str) -> Option<String> {
 
 /// The name that `wanted` may be a slip of: equal but for case and punctuation, or one or two letters off.
 pub(super) fn nearest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let plain = |s: &str| {
-        s.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect::<Vec<char>>()
-    };
+    let plain = |s: &str| s.replace(|c: char| !c.is_ascii_alphanumeric(), "").to_ascii_lowercase();
     let target = plain(wanted);
     let limit = if target.len() > 5 { 2 } else { 1 };
-    names
-        .map(|n| (distance(&target, &plain(n)), n))
-        .filter(|(d, _)| *d <= limit)
-        .min_by_key(|(d, _)| *d)
-        .map(|(_, n)| n)
-}
-
-/// Letters to insert, remove or change to get from `a` to `b`.
-fn distance(a: &[char], b: &[char]) -> usize {
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.iter().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let changed = diagonal + usize::from(ca != cb);
-            diagonal = row[j + 1];
-            row[j + 1] = changed.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
+    let near = names.map(|n| (strsim::levenshtein(&target, &plain(n)), n)).filter(|(d, _)| *d <= limit);
+    near.min_by_key(|(d, _)| *d).map(|(_, n)| n)
 }
 
 #[cfg(test)]

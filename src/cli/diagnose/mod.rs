@@ -19,10 +19,10 @@ use super::exit;
 use super::files::read_hashed_model;
 use crate::prelude::*;
 use volcomp_diagnose::library::{Label, Without};
-use volcomp_diagnose::session::{Note, Raw, Session};
+use volcomp_diagnose::session::{Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::{Addition, Base};
-use volcomp_effects::machine_state::{Machine, MachineAxis};
+use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
@@ -212,33 +212,12 @@ fn load(
     let stated = detected.len();
     session.notes.splice(0..0, detected);
     session.notes.extend(notes);
-    session.notes.extend(outside_travel(&session, machine));
+    session.notes.extend(session.outside_travel(machine));
     input::chain(&mut session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
     if model.is_some() || !additions.is_empty() {
         predict(&mut session, model, additions).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     }
     Ok((session, rotary, stated))
-}
-
-/// Share of the travel by which positions may lie outside it.
-const OUTSIDE: f64 = 0.01;
-
-/// Axes whose positions leave the travel that the model states: probably it is the model of another machine.
-fn outside_travel(session: &Session, machine: &Machine) -> Vec<Note> {
-    let leaves = |a: &MachineAxis| {
-        let (unit, scale) = if a.axis.is_linear() { ("mm", 1.0) } else { ("deg", deg_from_rad(1.0)) };
-        let [low, high] = a.travel?.map(|v| scale * v);
-        let [from, to] = ideal::travel(session, a.axis)?.map(|v| scale * v);
-        let allowed = OUTSIDE * (high - low);
-        (from < low - allowed || to > high + allowed).then(|| {
-            Note::new(format!(
-                "{} runs from {from:.1} to {to:.1} {unit}, the travel of the model is {low:.1} to {high:.1} {unit}: is it the model of \
-                 this machine?",
-                a.axis.to_string().to_uppercase(),
-            ))
-        })
-    };
-    machine.axes.iter().filter_map(leaves).collect()
 }
 
 /// Progress on stderr: one line that is written over on a terminal, nothing otherwise.

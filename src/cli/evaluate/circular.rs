@@ -108,8 +108,8 @@ fn read(
     uncertainties: CircularUncertainties,
 ) -> Result<Evaluated> {
     let samples = of_one_feed(wanted_feed, path, samples(path)?)?;
-    let largest = samples.iter().map(|s| um_from_mm(s.deviation).abs()).fold(0.0, f64::max);
-    check_size(&path.display().to_string(), "deviation_um", largest, false)?;
+    let values = samples.iter().map(|s| um_from_mm(s.deviation));
+    check_size(&path.display().to_string(), "deviation_um", values, false)?;
     // a file that is not in the order of the readings says nothing about overshoot
     let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);
     let measured =

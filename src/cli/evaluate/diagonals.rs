@@ -54,8 +54,8 @@ fn read(path: &Path) -> Result<Evaluated> {
         let (target, deviation) = (r.position, um_from_mm(r.value));
         Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
     })?;
-    let largest = readings.iter().map(|(_, r)| r.deviation.abs()).fold(0.0, f64::max);
-    check_size(&path.display().to_string(), "deviation_um", largest, false)?;
+    let values = readings.iter().map(|(_, r)| r.deviation);
+    check_size(&path.display().to_string(), "deviation_um", values, false)?;
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }

@@ -95,9 +95,9 @@ fn read(
 
 /// Looks at the unit of the deviations.
 fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<()> {
-    let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
+    let values = readings.iter().map(|r| r.deviation);
     let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
-    check_size(&path.display().to_string(), column, largest, kind == AxisKind::Rotary)
+    check_size(&path.display().to_string(), column, values, kind == AxisKind::Rotary)
 }
 
 /// States that the uncertainty leaves nothing of the result.

@@ -11,7 +11,7 @@ mod thermal;
 use clap::{Parser, Subcommand};
 
 use self::basis::Auto;
-use self::input::{BySymbol, Direction, Format, Measured, read};
+use self::input::{BySymbol, Direction, Format, read};
 use self::picture::PictureArgs;
 use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, print_notes, table};
 use super::positioning_data::Cycles;
@@ -244,26 +244,15 @@ fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// The distinct positions; `None` where there are so many that they hide nothing.
-fn few_positions(measured: &Measured) -> Option<Vec<f64>> {
-    /// Targets of a positioning test are far fewer.
-    const TARGETS_MAX: usize = 1 << 16;
-    let mut seen = std::collections::HashSet::new();
-    for reading in &measured.readings {
-        if seen.insert(reading.position.to_bits()) && seen.len() > TARGETS_MAX {
-            return None;
-        }
-    }
-    Some(seen.into_iter().map(f64::from_bits).collect())
-}
-
 impl Args {
     /// The travel of an axis in the coordinate of the data, where it is stated.
     fn travel_of(&self, axis: AxisName, base: Option<&ModelFile>) -> Option<[f64; 2]> {
-        let given =
-            self.travel.iter().rev().find(|(name, _)| *name == axis).map(|(_, range)| {
-                if axis.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range }
-            });
+        let given = self
+            .travel
+            .iter()
+            .rev()
+            .find(|(name, _)| *name == axis)
+            .map(|(_, range)| range.map(|v| axis.kind().position_in(v)));
         let spec = base.map(|file| &file.spec);
         let [low, high] = given.or_else(|| spec?.axis(axis).travel)?;
         let is_mirrored = spec.is_some_and(|s| s.is_mirrored(axis));
@@ -279,7 +268,7 @@ impl Args {
                 continue;
             }
             seen.push(axis);
-            let Some(positions) = few_positions(measured) else { continue };
+            let Some(positions) = curve::few_positions(&measured.readings) else { continue };
             if let Some(text) = hidden_text(&curve::hidden(&positions, &self.screw_pitch_mm)) {
                 note!("note: {axis}: {text}");
             }
@@ -358,8 +347,7 @@ impl Args {
             model.put(*symbol, ErrorFunction::single(Curve::Constant(*value)), Provenance::default());
         }
         for (name, range) in &self.travel {
-            let range = if name.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range };
-            model.spec.axis_mut(*name).travel = Some(range);
+            model.spec.axis_mut(*name).travel = Some(range.map(|v| name.kind().position_in(v)));
         }
         for f in fitted {
             let axis = model.spec.axis(f.symbol.axis());

@@ -117,8 +117,7 @@ fn metres(measured: &Measured, axis: AxisName) -> Option<String> {
 fn check_sizes(symbol: ErrorSymbol, measured: &Measured) -> Result<()> {
     let of_value = Units::of(symbol).of_value;
     for (file, readings) in measured.by_file() {
-        let largest = readings.iter().map(|r| of_value(r.value).abs()).fold(0.0, f64::max);
-        check_size(file, &column(symbol), largest, symbol.is_angle())?;
+        check_size(file, &column(symbol), readings.iter().map(|r| of_value(r.value)), symbol.is_angle())?;
     }
     Ok(())
 }

@@ -38,7 +38,7 @@ pub(super) fn rtx(args: &Args, path: &Path) -> Result<()> {
     let mut samples =
         dynamic::Samples::new(open(path, InputKind::Stream)?).map_err(|e| read_failure(path, &e))?;
 
-    let mut progress = Progress::new(path);
+    let progress = Progress::of_file(path);
     let name = if args.angular { "angle_mrad" } else { "displacement_mm" };
     let mut table = create(args, ["t_s", name].into_iter())?;
     let rate = samples.header().rate_hz;
@@ -158,7 +158,7 @@ pub(super) fn edge(args: &Args, path: &Path) -> Result<()> {
     let mut capture = Capture {
         args,
         table: Rows::create(args.out()?)?,
-        progress: Progress::new(path),
+        progress: Progress::of_file(path),
         bytes: Rc::clone(&bytes),
         kept: Vec::new(),
         problem: None,
@@ -210,7 +210,7 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
 pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
     let mut log = epics::Log::new(open(path, InputKind::Stream)?);
 
-    let mut progress = Progress::new(path);
+    let progress = Progress::of_file(path);
     let mut table = create(args, ["t_s", "pv", "value", "alarm"].into_iter())?;
     let (mut rows, mut pvs) = (0u64, BTreeSet::new());
     while log.advance().map_err(|e| read_failure(path, &e))? {
@@ -245,7 +245,7 @@ pub(super) fn columns(args: &Args, path: &Path) -> Result<()> {
     let map = args.column_map()?;
     let mut source = Columns::new(open(path, InputKind::Stream)?, map).map_err(|e| read_failure(path, &e))?;
 
-    let mut progress = Progress::new(path);
+    let progress = Progress::of_file(path);
     let mut table = create(args, source.names())?;
     let mut rows = 0u64;
     while source.advance().map_err(|e| read_failure(path, &e))? {

@@ -37,7 +37,7 @@ mod solve;
 
 pub use features::Feature;
 pub use model::{Assembled, assemble};
-pub use runs::{cut_overshoot, run_starts, travelled};
+pub use runs::{cut_overshoot, run_starts, travelled, within_overshoot};
 pub use solve::analyse;
 
 use volcomp_units::axes::{AxisName, Travel};

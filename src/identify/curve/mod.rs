@@ -43,7 +43,7 @@ pub use orders::Orders;
 pub use periods::period_range;
 pub use repeat::{covers_turn, repeated};
 pub use request::{Basis, Drift, Period, Request, Reversal, Smoothing};
-pub use sampling::{COMMON_PITCHES, Hidden, hidden};
+pub use sampling::{COMMON_PITCHES, Hidden, few_positions, hidden};
 pub use select::highest_order;
 
 use volcomp_units::axes::Travel;
