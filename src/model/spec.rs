@@ -142,6 +142,16 @@ impl ModelSpec {
         self.errors.iter().find(|(s, _)| *s == symbol).map(|(_, function)| function)
     }
 
+    /// The function of an error, made in its place where it is missing.
+    pub fn error_mut(&mut self, symbol: ErrorSymbol) -> &mut ErrorFunction {
+        if self.error(symbol).is_none() {
+            self.errors.push((symbol, ErrorFunction::default()));
+            self.errors.sort_by_key(|(symbol, _)| *symbol);
+        }
+        let index = self.errors.iter().position(|(s, _)| *s == symbol).unwrap_or_default();
+        &mut self.errors[index].1
+    }
+
     /// Positions of an axis (tool-side sense, mm or rad) over which the model says something: its travel or, where none
     /// is stated, the hull of the ranges of its curves and grids; `None` where neither is there.
     #[must_use]

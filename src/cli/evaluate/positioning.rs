@@ -83,7 +83,7 @@ fn read(
         note!("note: {}: {}; ISO 230-2 asks for 5", path.display(), counted(result.cycles, "cycle"));
     }
     let conditions = uncertainty.conditions(test.kind)?;
-    let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
+    let uncertainties = Uncertainties::of(&result, &conditions, result.length());
     check_unit(path, test.kind, &readings)?;
     uncertainty_note(path, &result, &uncertainties);
     let start_up = StartUp::of(&test);
@@ -109,11 +109,6 @@ fn uncertainty_note(path: &Path, result: &Positioning, u: &Uncertainties) {
             path.display()
         );
     }
-}
-
-/// Range of the targets.
-pub(super) fn length(test: &Positioning) -> f64 {
-    test.targets.first().zip(test.targets.last()).map_or(0.0, |(a, b)| b.target - a.target)
 }
 
 /// Keys of the figures that may have a tolerance, linear and rotary.
@@ -397,7 +392,7 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     let [mut before, mut after] = [read(files[0])?, read(files[1])?];
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     for test in [&mut before, &mut after] {
-        test.uncertainties = Uncertainties::of(&test.result, &conditions, length(&test.result));
+        test.uncertainties = Uncertainties::of(&test.result, &conditions, test.result.length());
     }
     if before.kind != after.kind {
         return Err(data!(files[1], "one of the two tests is linear, the other rotary"));

@@ -168,15 +168,9 @@ fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<()> {
     model.thermal.push(found.thermal.clone());
     if let (Some(symbol), Some(limit_um)) = (args.symbol, args.limit_um) {
         let live = Live { sensor: name.to_owned(), limit: mm_from_um(limit_um), reference: None };
-        let errors = &mut model.spec.errors;
-        if !errors.iter().any(|(s, _)| *s == symbol) {
-            errors.push((symbol, volcomp_model::ErrorFunction::default()));
-            errors.sort_by_key(|(symbol, _)| *symbol);
-        }
-        for (_, function) in errors.iter_mut().filter(|(s, _)| *s == symbol) {
-            function.live.retain(|l| l.sensor != name);
-            function.live.push(live.clone());
-        }
+        let function = model.spec.error_mut(symbol);
+        function.live.retain(|l| l.sensor != name);
+        function.live.push(live);
     }
     let mut comment = vec![format!("thermal {name} written by volcomp fit thermal")];
     comment.extend(sources.comments());

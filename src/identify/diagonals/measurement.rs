@@ -5,8 +5,9 @@
 
 use super::runs::EndToEnd;
 use super::{AXES, DiagonalsError, SQUARENESS, Setup, Squareness};
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper};
+use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper, student_95};
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp_units::arcsec_from_rad;
 use volcomp_units::axes::Travel;
 
 /// Degrees of freedom that uncertain curves have among the steps: one for each axis.
@@ -64,7 +65,42 @@ impl Steps {
     }
 }
 
+/// One squareness with what is known about it, arcsec.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// The squareness.
+    pub arcsec: f64,
+    /// Its standard deviation (k = 1), where the noise is known.
+    pub std_arcsec: Option<f64>,
+    /// Half of its 95 % interval, the bound of the bias added.
+    pub half_width_95_arcsec: Option<f64>,
+    /// True where it lies beyond that.
+    pub significant: Option<bool>,
+    /// The squareness with nothing subtracted.
+    pub without_subtraction_arcsec: f64,
+}
+
 impl Measurement {
+    /// C0Y, B0Z, A0Z; `bias_arcsec` bounds what missing angles may do to them.
+    #[must_use]
+    pub fn lines(&self, bias_arcsec: Option<f64>) -> [Line; 3] {
+        core::array::from_fn(|i| {
+            let value = arcsec_from_rad(self.found.value[i]);
+            let uncertainty = self.noise.map(|(_, dof)| {
+                let std = arcsec_from_rad(self.found.covariance[(i, i)].sqrt());
+                // stated noise counts as well known
+                (std, dof.map_or(1.959_964, student_95) * std + bias_arcsec.unwrap_or(0.0))
+            });
+            Line {
+                arcsec: value,
+                std_arcsec: uncertainty.map(|u| u.0),
+                half_width_95_arcsec: uncertainty.map(|u| u.1),
+                significant: uncertainty.map(|(_, half)| value.abs() > half),
+                without_subtraction_arcsec: arcsec_from_rad(self.raw.value[i]),
+            }
+        })
+    }
+
     /// The squareness from end-to-end displacements; `model` has no squareness of its own, `noise_mm` is the standard deviation of
     /// one displacement where it is stated.
     ///

@@ -8,7 +8,6 @@ use volcomp_evaluate::Diagonal;
 use volcomp_identify::diagonals::measurement::{Measurement, Steps};
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
 use volcomp_identify::diagonals::{MissingAngle, NAMES, SQUARENESS, Setup, without_squareness};
-use volcomp_model::statistics::student_95;
 
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]
@@ -103,34 +102,6 @@ impl<'a> Outcome<'a> {
         let bound = args.accept_bias_arcsec.filter(|_| !missing.is_empty());
         Ok(Self { args, path, spec, ends, setup, result, missing, bound })
     }
-
-    fn lines(&self) -> [Line; 3] {
-        std::array::from_fn(|i| {
-            let value = arcsec_from_rad(self.result.found.value[i]);
-            let uncertainty = self.result.noise.map(|(_, dof)| {
-                let std = arcsec_from_rad(self.result.found.covariance[(i, i)].sqrt());
-                // stated noise counts as well known
-                (std, dof.map_or(1.959_964, student_95) * std + self.bound.unwrap_or(0.0))
-            });
-            Line {
-                arcsec: value,
-                std_arcsec: uncertainty.map(|u| u.0),
-                half_width_95_arcsec: uncertainty.map(|u| u.1),
-                significant: uncertainty.map(|(_, half)| value.abs() > half),
-                without_subtraction_arcsec: arcsec_from_rad(self.result.raw.value[i]),
-            }
-        })
-    }
-}
-
-/// One squareness with what is known about it; the bias bound is added to the half width.
-#[derive(Serialize)]
-struct Line {
-    arcsec: f64,
-    std_arcsec: Option<f64>,
-    half_width_95_arcsec: Option<f64>,
-    significant: Option<bool>,
-    without_subtraction_arcsec: f64,
 }
 
 /// How far a box may reach out of the travel, as a share of its side: nobody measures the ends to the last micrometre.
@@ -250,8 +221,9 @@ impl Found for Outcome<'_> {
             "missing_angles": self.missing.iter().map(|m| key(m.symbol)).collect::<Vec<_>>(),
             "bias_bound_arcsec": self.bound,
         });
-        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
-            for (name, value) in json!(line).as_object().into_iter().flatten() {
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.result.lines(self.bound)) {
+            let line = fields!(line; arcsec, std_arcsec, half_width_95_arcsec, significant, without_subtraction_arcsec);
+            for (name, value) in line.as_object().into_iter().flatten() {
                 json[format!("{}_{name}", key(symbol))] = value.clone();
             }
         }
@@ -268,7 +240,7 @@ impl Found for Outcome<'_> {
         }
         say!();
         say!("error           arcsec   std (k = 1)   95 % interval   without subtraction");
-        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.result.lines(self.bound)) {
             let verdict = match line.significant {
                 Some(true) => "",
                 Some(false) => "  not significant",
@@ -348,7 +320,7 @@ impl Found for Outcome<'_> {
         let files = [self.path.to_owned()];
         let all: Vec<PathBuf> = files.iter().chain(&args.model).cloned().collect();
         let sources = Sources::of(&all);
-        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.result.lines(self.bound)) {
             let value = Curve::Constant(rad_from_arcsec(line.arcsec));
             let std = line.std_arcsec.map(|std| rad_from_arcsec(std.hypot(self.bound.unwrap_or(0.0))));
             let note = self.bound.map(|b| format!("angular data incomplete, bias up to {b} arcsec accepted"));

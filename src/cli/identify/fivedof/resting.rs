@@ -28,7 +28,7 @@ pub(super) fn calibrated(
     })?;
     let calibration = calibrate(&file.head, &log).map_err(|e| Failure::data(path, e))?;
     file.head = calibration.head;
-    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    let name = file_name(path);
     file.calibrated_from = Some(match input::hash(path, InputKind::Table) {
         Some(hash) => format!("{name}, blake3 {hash}"),
         None => name,

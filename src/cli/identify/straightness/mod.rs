@@ -176,11 +176,7 @@ fn mistake(what: impl core::fmt::Display) -> Failure {
 
 /// Compares a tilt test with the table, or makes the table from it.
 fn confirm(args: &Args, axis: AxisName, file: &mut SignFile, found: &[Option<TiltFound>; 6]) -> Result<()> {
-    let tilt_name = args
-        .tilt_test
-        .as_deref()
-        .and_then(Path::file_name)
-        .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let tilt_name = args.tilt_test.as_deref().map_or_else(String::new, file_name);
     for (channel, f) in Channel::ALL.into_iter().zip(found) {
         if let Some(f) = f {
             let (name, gain, std) = (channel.name(), f.gain, f.gain_std);
@@ -189,19 +185,12 @@ fn confirm(args: &Args, axis: AxisName, file: &mut SignFile, found: &[Option<Til
     }
     let known = file.set_ups.iter().find(|s| s.axis == axis).map(|s| s.table);
     let mut table = known.unwrap_or(SignTable { channels: [None; 6] });
-    for ((channel, slot), f) in Channel::ALL.into_iter().zip(&mut table.channels).zip(found) {
-        let Some(f) = f else { continue };
-        match slot {
-            Some(a) if *a != f.assignment => {
-                let (name, section, TiltFound { assignment, gain, gain_std }) =
-                    (channel.name(), axis.lower(), f);
-                return Err(mistake(format_args!(
-                    "[{section}] {name} = \"{a}\" in the sign table, but the tilt test shows \"{assignment}\" (gain {gain:.2} +- {gain_std:.2}); correct the table"
-                )));
-            }
-            _ => *slot = Some(f.assignment),
-        }
-    }
+    table.confirm(found).map_err(|(channel, a, TiltFound { assignment, gain, gain_std })| {
+        let (name, section) = (channel.name(), axis.lower());
+        mistake(format_args!(
+            "[{section}] {name} = \"{a}\" in the sign table, but the tilt test shows \"{assignment}\" (gain {gain:.2} +- {gain_std:.2}); correct the table"
+        ))
+    })?;
     table.check(axis).map_err(|e| mistake!(tilt_name, "{e}"))?;
     file.put(SetUp { axis, table, tilt_test: Some(tilt_name) });
     if !table.is_right_handed() {
