@@ -131,12 +131,10 @@ fn other_range(test: &Compared) -> Option<String> {
     if test.test == "iso230-4" {
         return None;
     }
-    let range = |readings: &[Placed]| {
-        let targets = || readings.iter().map(Placed::target);
-        let low = targets().reduce(f64::min)?;
-        Some([low, targets().reduce(f64::max)?])
-    };
-    let [before, after] = [range(&test.readings[0])?, range(&test.readings[1])?];
+    if test.readings.iter().any(Vec::is_empty) {
+        return None;
+    }
+    let [before, after] = test.readings.each_ref().map(|all| hull(all.iter().map(Placed::target)));
     let limit = SAME_RANGE * (before[1] - before[0]).max(after[1] - after[0]);
     let differs = before.iter().zip(&after).any(|(b, a)| (b - a).abs() > limit);
     let unit = if test.unit == "arcsec" { "deg" } else { "mm" };

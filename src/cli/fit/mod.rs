@@ -207,10 +207,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let mut fitted = Vec::with_capacity(by_symbol.len());
     for (symbol, measured) in by_symbol {
         let request = args.request(symbol.axis().kind())?;
-        let rotary = symbol.axis().kind() == AxisKind::Rotary;
-        let fit = curve::fit(&measured.readings, &request)
-            .map_err(|e| if rotary { e.in_degrees() } else { e })
-            .map_err(|e| data_error(&args.errors, format_args!("{symbol}: {e}")))?;
+        let fit = curve::fit(&measured.readings, &request).map_err(|e| {
+            data_error(&args.errors, format_args!("{symbol}: {}", e.in_units_of(symbol.axis().kind())))
+        })?;
         fitted.push(Fitted::new(symbol, measured, fit));
     }
     let sources = Sources::of(&args.errors);

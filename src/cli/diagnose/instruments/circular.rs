@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-use super::{InstrumentArgs, Measurement, Rows};
+use super::{InstrumentArgs, Measurement, Rows, ways};
 use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_identify::ballbar::{Plane, Sample, within_overshoot};
@@ -84,8 +84,7 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     }
     let times = if fed { Times::Nominal } else { Times::Ordinal };
     let mut found = Measurement::new(rows, times, "circular test (angle, deviation, direction)");
-    let both = [Travel::Forward, Travel::Reverse].iter().all(|w| samples.iter().any(|s| s.travel == *w));
-    let ways = if both { "both directions" } else { "one direction" };
+    let ways = ways(samples.iter().map(|s| s.travel));
     let stated = |given: bool, option: &str| {
         if given { String::new() } else { format!(" (assumed; {option} states it)") }
     };

@@ -187,6 +187,12 @@ impl Rows {
     }
 }
 
+/// In how many directions was measured, in words.
+fn ways(travels: impl Iterator<Item = Travel> + Clone) -> &'static str {
+    let both = [Travel::Forward, Travel::Reverse].iter().all(|way| travels.clone().any(|t| t == *way));
+    if both { "both directions" } else { "one direction" }
+}
+
 /// Unit vector along x, y or z.
 fn along(direction: usize) -> [f64; 3] {
     std::array::from_fn(|k| f64::from(u8::from(k == direction)))

@@ -9,7 +9,7 @@ use volcomp_formats::{b5r, text};
 pub(super) fn format(path: &Path, format: Format) -> Failure {
     let file = path.display();
     let (what, remedy) = match format {
-        Format::B5r => return ballbar_figures(path),
+        Format::B5r => return ballbar_figures(path).unwrap_or_else(|unreadable| unreadable),
         Format::Rtx => (
             "a dynamic laser test (.rtx): displacement over time without the commanded positions".to_owned(),
             format!(
@@ -51,16 +51,10 @@ const NAMES: [(&str, &str); 14] = [
 ];
 
 /// A ballbar report holds the results of an analysis: without readings there is neither noise nor residual to judge them by.
-fn ballbar_figures(path: &Path) -> Failure {
-    let file = path.display();
-    let bytes = match input::read(path, input::InputKind::Instrument) {
-        Ok(bytes) => bytes,
-        Err(failure) => return failure,
-    };
-    let test = match b5r::parse(&text::decode(&bytes).text) {
-        Ok(test) => test,
-        Err(e) => return crate::positioning_data::format_failure(&file.to_string(), &e),
-    };
+fn ballbar_figures(path: &Path) -> Result<Failure> {
+    let bytes = input::read(path, InputKind::Instrument)?;
+    let test = b5r::parse(&text::decode(&bytes).text)
+        .map_err(|e| format_failure(&path.display().to_string(), &e))?;
     let plane = test.plane.as_deref().map_or_else(String::new, |p| format!(", plane {p}"));
     let figures = test.features.iter().filter_map(|f| {
         let (_, name) = NAMES.iter().find(|(n, _)| *n == f.name)?;
@@ -69,13 +63,13 @@ fn ballbar_figures(path: &Path) -> Failure {
     });
     let figures = figures.joined("");
     let listed = if figures.is_empty() { figures } else { format!("\n  its figures:{figures}") };
-    data!(
+    Ok(data!(
         path,
         "a ballbar report (.b5r){plane} with {} figures of an analysis and without its readings; a diagnosis needs \
          the readings\n  hint: save the readings as CSV with angle_deg,deviation_um,direction (and feed_mm_per_min) and give \
          that file with --plane and --radius-mm{listed}",
         test.features.len()
-    )
+    ))
 }
 
 /// Joint angles of a robot are no axes of a machine tool.

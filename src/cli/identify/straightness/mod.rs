@@ -51,11 +51,10 @@ impl Method for Args {
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
-        let fit = |rule: Rule| Ok((rule.name(), Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?));
-        let mut lines = Rule::ALL.into_iter().map(fit).collect::<Result<Vec<_>>>()?;
+        let mut lines = Line::of_all_rules(&case.x, &case.y).map_err(|e| file.bad(e))?;
         let mut json = json!({});
-        for (name, line) in &lines {
-            json[*name] = json!({
+        for (rule, line) in &lines {
+            json[rule.name()] = json!({
                 "slope": line.slope,
                 "intercept": line.intercept,
                 "straightness": line.straightness,
@@ -64,10 +63,11 @@ impl Method for Args {
             });
         }
         // in the order of their names
-        lines.sort_by_key(|(name, _)| *name);
+        lines.sort_by_key(|(rule, _)| rule.name());
         Ok(printed(json, move || {
             say!("line                   slope         intercept      straightness");
-            for (name, line) in &lines {
+            for (rule, line) in &lines {
+                let name = rule.name();
                 let [intercept, straightness] = [line.intercept, line.straightness].map(um_from_mm);
                 let slope = arcsec_from_rad(line.slope);
                 say_text!("{name:<14}{slope:>11.3} \"{intercept:>15.3} um{straightness:>15.3} um");
@@ -117,13 +117,11 @@ struct ErrorFigures {
 impl ErrorFigures {
     fn of(m: &Measured, axis: AxisName) -> Result<Self> {
         let (symbol, (x, y)) = (m.symbol(axis), means(&m.readings));
-        let mut lines = Vec::new();
-        if !symbol.is_angle() && m.component.index() != axis.direction() {
-            for rule in Rule::ALL {
-                let line = Line::fit(&x, &y, rule).map_err(|e| data!(symbol.to_string(), "{e}"))?;
-                lines.push((rule, line));
-            }
-        }
+        let lines = if symbol.is_angle() || m.component.index() == axis.direction() {
+            Vec::new()
+        } else {
+            Line::of_all_rules(&x, &y).map_err(|e| data!(symbol.to_string(), "{e}"))?
+        };
         let [low, high] = hull(y);
         Ok(Self { symbol, range: high - low, lines })
     }
