@@ -55,7 +55,7 @@ impl Additions {
             is_of(path, &addition, (model, hash))?;
             addition
                 .require(&|column| table.find(column).is_some() || is_still(column, table))
-                .map_err(|e| failure!(EX_DATAERR, "{}: {e}", table.file()))?;
+                .map_err(|e| Failure::data(table.file(), e))?;
             all.push(addition);
         }
         let evaluator = Evaluator::new(&all);

@@ -136,12 +136,8 @@ impl Columns {
             return Err(table.fail(length, "tool_x_mm .. and tool_length_mm both place the tip; keep one"));
         }
         if found.axes.is_empty() {
-            return Err(failure!(
-                EX_DATAERR,
-                "{}: no column with an axis of the chain; columns are {}",
-                table.file(),
-                known.join(", ")
-            ));
+            let known = known.join(", ");
+            return Err(data!(table.file(), "no column with an axis of the chain; columns are {known}"));
         }
         Ok(found)
     }

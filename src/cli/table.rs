@@ -82,11 +82,7 @@ impl Table {
             rows_left: ROWS_MAX,
         };
         if !table.next_line()? {
-            return Err(failure!(
-                EX_DATAERR,
-                "{}: the file is empty; the first line names the columns",
-                table.file
-            ));
+            return Err(data!(table.file, "the file is empty; the first line names the columns"));
         }
         table.split();
         for i in 0..table.fields.len() {
@@ -184,12 +180,18 @@ impl Table {
         Ok(true)
     }
 
-    /// What `read` makes of every row, of which there must be one.
-    pub(super) fn some_rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
+    /// What `read` makes of every row.
+    pub(super) fn rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
         let mut rows = Vec::new();
         while self.advance()? {
             rows.push(read(self)?);
         }
+        Ok(rows)
+    }
+
+    /// The same, and there must be one.
+    pub(super) fn some_rows<T>(&mut self, read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
+        let rows = self.rows(read)?;
         if rows.is_empty() { Err(no_rows(&self.file)) } else { Ok(rows) }
     }
 

@@ -370,7 +370,8 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
         .zip(&after)
         .map(|(b, a)| {
             let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
-            let plot = Plot::new(m_title(&b.name), "position, mm", "deviation, µm");
+            let name = b.name.trim_end_matches("_um").to_uppercase();
+            let plot = Plot::new(name, "position, mm", "deviation, µm");
             plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
         })
         .collect();
@@ -384,10 +385,6 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
         ..Compared::default()
     };
     Ok((compared, charts))
-}
-
-fn m_title(column: &str) -> String {
-    column.trim_end_matches("_um").to_uppercase()
 }
 
 fn read_motions(path: &Path) -> Result<Vec<Motion>> {

@@ -78,11 +78,9 @@ fn check_gap(measured: &Measured, unit: &Unit) -> Result<()> {
     let position = unit.show(measured.readings[reading].position);
     let [low, high] = [others[0], others[others.len() - 1]].map(|v| unit.show(v));
     let name = unit.name;
-    Err(Failure::data(
+    Err(data!(
         place(measured, reading),
-        format_args!(
-            "position {position} {name} lies far from all others, {low} to {high} {name}; correct it or remove the row"
-        ),
+        "position {position} {name} lies far from all others, {low} to {high} {name}; correct it or remove the row"
     ))
 }
 

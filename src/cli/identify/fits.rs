@@ -125,11 +125,8 @@ impl Args {
     fn read_table(&self, path: &Path) -> Result<Case> {
         let mut table = table::open(path)?;
         let (cx, cy) = (table.require(&self.x)?, table.require(&self.y)?);
-        let (mut x, mut y) = (Vec::new(), Vec::new());
-        while table.advance()? {
-            x.push(table.number(cx)?);
-            y.push(table.number(cy)?);
-        }
+        let points = table.rows(|row| Ok((row.number(cx)?, row.number(cy)?)))?;
+        let (x, y) = points.into_iter().unzip();
         Ok(Case {
             basis: self.basis,
             x,

@@ -120,8 +120,7 @@ fn samples(path: &Path, args: &InstrumentArgs) -> Result<Vec<(u64, Sample)>> {
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
     table.only(&["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"])?;
-    let mut all: Vec<(u64, Sample)> = Vec::new();
-    while table.advance()? {
+    let all = table.rows(|table| {
         let feed_mm_per_min = feed.map(|c| table.number(c)).transpose()?.or(args.feed_mm_per_min);
         if let (Some(bad), Some(c)) = (feed_mm_per_min.filter(|f| *f <= 0.0), feed) {
             return Err(table.fail(c, format_args!("{bad} is no feed; it is above 0 mm/min")));
@@ -133,8 +132,8 @@ fn samples(path: &Path, args: &InstrumentArgs) -> Result<Vec<(u64, Sample)>> {
             feed: feed_mm_per_min.map(|f| f / 60.0),
             run: run.map_or(Ok(0), |c| table.count(c))?,
         };
-        all.push((table.line(), sample));
-    }
+        Ok((table.line(), sample))
+    })?;
     let kept = within_overshoot(&all.iter().map(|(_, s)| *s).collect::<Vec<_>>(), None);
     if kept.is_empty() {
         return Err(data!(path, "no data rows below the header"));
