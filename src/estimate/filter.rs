@@ -116,16 +116,6 @@ pub struct Observation {
     pub nuisance: Option<(usize, f64)>,
 }
 
-impl Observation {
-    /// A reading of the first component alone.
-    #[must_use]
-    pub fn alone(place: NodePlace, value: f64) -> Self {
-        let mut weights = [0.0; COMPONENTS_MAX];
-        weights[0] = 1.0;
-        Self { place, weights, value, nuisance: None }
-    }
-}
-
 /// What became of an observation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {

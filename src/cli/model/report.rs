@@ -1,7 +1,7 @@
 //! What `model show` says, in words and for programs.
 
 use super::{drawing, gauge};
-use crate::check::{Size, kinds_of};
+use crate::check::{self, Size, kinds_of};
 use crate::prelude::*;
 use crate::quantities::{corrections_json, list, point, pose_json, pose_words, vector};
 use volcomp_config::model::FORMAT;
@@ -159,17 +159,11 @@ impl Report<'_> {
 
     fn error_json(&self, symbol: ErrorSymbol, function: &ErrorFunction) -> Value {
         let size = Size::of(symbol, function, self.spec());
-        let unit = size.unit;
-        json!({
-            "symbol": key(symbol),
-            "kinds": kinds_of(function),
-            format!("range_{}", position_unit(symbol.axis())): size.range,
-            format!("lowest_{unit}"): size.low,
-            format!("highest_{unit}"): size.high,
-            format!("peak_to_peak_{unit}"): rounded(size.high - size.low),
-            format!("std_{unit}"): function.std.map(|s| rounded(error_out(symbol, s))),
-            "provenance": self.file.origin_of(symbol).map(provenance_json),
-        })
+        let mut json = check::error_json(symbol, function, &size);
+        json[format!("peak_to_peak_{}", size.unit)] = json!(rounded(size.high - size.low));
+        json[format!("std_{}", size.unit)] = json!(function.std.map(|s| rounded(error_out(symbol, s))));
+        json["provenance"] = json!(self.file.origin_of(symbol).map(provenance_json));
+        json
     }
 }
 
@@ -231,12 +225,8 @@ fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) ->
 
 fn axis_json(spec: &ModelSpec, name: AxisName) -> Value {
     let axis = spec.axis(name);
-    let mut out = json!({
-        "axis": name.lower().to_string(),
-        "workpiece_side": spec.is_workpiece_side(name),
-        format!("travel_{}", position_unit(name)): axis.travel.map(|t| t.map(|v| position_out(name, v))),
-        "sense": axis.sense.name(),
-    });
+    let mut out = check::axis_json(spec, name);
+    out["sense"] = json!(axis.sense.name());
     match name.kind() {
         AxisKind::Rotary => out["point_mm"] = json!(list(&axis.point)),
         AxisKind::Linear => {

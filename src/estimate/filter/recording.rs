@@ -1,7 +1,7 @@
 //! A recording of one component through the filter.
 
-use super::{NodeFilter, Observation, Verdict};
-use crate::grid::NodeGrid;
+use super::{COMPONENTS_MAX, NodeFilter, Observation, Verdict};
+use crate::grid::{NodeGrid, NodePlace};
 use crate::noise::MeasurementNoise;
 
 /// A reading of a recording.
@@ -32,6 +32,16 @@ pub struct Run {
     pub after: f64,
     /// Readings beyond the grid, which count at its edge.
     pub outside: usize,
+}
+
+impl Observation {
+    /// A reading of the first component alone.
+    #[must_use]
+    pub fn alone(place: NodePlace, value: f64) -> Self {
+        let mut weights = [0.0; COMPONENTS_MAX];
+        weights[0] = 1.0;
+        Self { place, weights, value, nuisance: None }
+    }
 }
 
 impl NodeFilter {
