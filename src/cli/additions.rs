@@ -4,12 +4,8 @@ use super::input::read_text;
 use super::table::Table;
 use crate::prelude::*;
 use volcomp_effects::addition::{Addition, Evaluator};
-use volcomp_effects::machine_state::{Axis, Machine, MachineState, Source};
+use volcomp_effects::machine_state::{Axis, Field, Machine, MachineState, Source};
 use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
-use volcomp_units::RAD_PER_DEG;
-
-/// Where the value of a column goes.
-type Field = Box<dyn Fn(&mut MachineState, f64)>;
 
 /// Additions bound to the columns of a table.
 pub(super) struct Additions {
@@ -59,7 +55,7 @@ impl Additions {
             is_of(path, &addition, (model, hash))?;
             addition
                 .require(&|column| table.find(column).is_some() || is_still(column, table))
-                .map_err(|e| failure!(EX_DATAERR, "{}: {e}", table.file()))?;
+                .map_err(|e| Failure::data(table.file(), e))?;
             all.push(addition);
         }
         let evaluator = Evaluator::new(&all);
@@ -76,7 +72,9 @@ impl Additions {
             .flat_map(Addition::machine_effects)
             .any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
         let machine = machine_of(spec, model);
-        Ok(Some(Self { evaluator, machine, fields: fields(table), sources, takes_length }))
+        let known = MachineState::fields().into_iter();
+        let fields = known.filter_map(|(name, field)| Some((table.find(&name)?, field))).collect();
+        Ok(Some(Self { evaluator, machine, fields, sources, takes_length }))
     }
 
     /// What the additions say at the current row: deviation in W, mm.
@@ -109,27 +107,4 @@ pub(super) fn is_of(path: &Path, addition: &Addition, (model, hash): (&Model, &s
 /// Positions of axes that the points lack are zero (`docs/reference/tables.md` 1).
 fn is_still(column: &str, table: &Table) -> bool {
     Axis::ALL.iter().any(|a| a.column() == column) && table.find(column).is_none()
-}
-
-fn fields(table: &Table) -> Vec<(usize, Field)> {
-    let mut all = Vec::new();
-    let mut add = |name: String, field: Field| all.extend(table.find(&name).map(|column| (column, field)));
-    for axis in Axis::ALL {
-        let (i, linear) = (axis.slot(), axis.is_linear());
-        let (unit, factor) = if linear { ("mm", 1.0) } else { ("deg", RAD_PER_DEG) };
-        add(axis.column(), Box::new(move |m, v| m.position[i] = v * factor));
-        add(format!("v{axis}_{unit}_per_s"), Box::new(move |m, v| m.velocity[i] = v * factor));
-        add(format!("a{axis}_{unit}_per_s2"), Box::new(move |m, v| m.acceleration[i] = v * factor));
-        add(format!("dir_{axis}"), Box::new(move |m, v| m.direction[i] = v));
-        add(format!("since_reversal_{axis}_{unit}"), Box::new(move |m, v| m.since_mm[i] = v * factor));
-        add(format!("since_reversal_{axis}_s"), Box::new(move |m, v| m.since_s[i] = v));
-        if linear {
-            add(format!("target_{axis}_mm"), Box::new(move |m, v| m.target_mm[i] = v));
-            add(format!("force_{axis}_n"), Box::new(move |m, v| m.force_n[i] = v));
-        }
-    }
-    add("t_s".to_owned(), Box::new(|m, v| m.t_s = v));
-    add("tool_length_mm".to_owned(), Box::new(|m, v| m.tool_length_mm = v));
-    add("range_mm".to_owned(), Box::new(|m, v| m.range_mm = v));
-    all
 }

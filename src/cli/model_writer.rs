@@ -118,28 +118,6 @@ pub(super) fn data_error(files: &[PathBuf], what: impl core::fmt::Display) -> Fa
     failure!(EX_DATAERR, "{names}: {what}")
 }
 
-/// Puts an error in its place, with where it came from.
-pub(super) fn put(model: &mut ModelFile, symbol: ErrorSymbol, function: ErrorFunction, from: Provenance) {
-    model.of_errors.retain(|(s, _)| *s != symbol);
-    if !from.is_empty() {
-        model.of_errors.push((symbol, from));
-    }
-    match model.spec.errors.iter_mut().find(|(s, _)| *s == symbol) {
-        Some((_, old)) => *old = function,
-        None => model.spec.errors.push((symbol, function)),
-    }
-    model.spec.errors.sort_by_key(|(symbol, _)| *symbol);
-}
-
-/// The entry of an axis, made where it is missing.
-pub(super) fn axis_entry(spec: &mut ModelSpec, name: AxisName) -> &mut AxisSpec {
-    let index = spec.axes.iter().position(|a| a.name == name).unwrap_or_else(|| {
-        spec.axes.push(AxisSpec::new(name));
-        spec.axes.len() - 1
-    });
-    &mut spec.axes[index]
-}
-
 /// Three linear axes on the tool side, and whatever else was measured behind them.
 pub(super) fn default_chain(measured: impl IntoIterator<Item = AxisName>) -> String {
     let mut axes = vec![AxisName::X, AxisName::Y, AxisName::Z];

@@ -4,7 +4,6 @@
 use std::io::Cursor;
 use std::ops::RangeInclusive;
 
-use super::acceptance::Stated;
 use super::input::text_of;
 use super::table::Table;
 use crate::prelude::*;
@@ -249,16 +248,12 @@ pub(super) fn parse_csv(mut table: Table) -> Result<PositioningTest> {
     let columns = TestColumns::find(&table, &["t_s"])?;
     let time = table.find("t_s");
     let (mut readings, mut lines, mut times_s) = (Vec::new(), Vec::new(), Vec::new());
-    while table.advance()? {
-        readings.push(columns.reading(&table)?);
+    table.some_rows(|table| {
+        readings.push(columns.reading(table)?);
         lines.push(table.line());
-        if let Some(time) = time {
-            times_s.push(table.number(time)?);
-        }
-    }
-    if readings.is_empty() {
-        return Err(no_rows(table.file()));
-    }
+        times_s.extend(time.map(|c| table.number(c)).transpose()?);
+        Ok(())
+    })?;
     Ok(PositioningTest { times_s, ..PositioningTest::new(columns.kind, readings, lines) }.of_rows())
 }
 

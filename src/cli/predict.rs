@@ -17,7 +17,7 @@ use volcomp_units::axes::MAX_AXES;
 
 /// Predict the error of the tool, and the corrections of the axes, at every point of a table; or a measured circle.
 #[derive(Debug, clap::Parser)]
-#[command(after_long_help = circle::HELP)]
+#[command(after_long_help = include_str!("predict/circle.txt"))]
 pub(super) struct Args {
     /// The model file.
     #[arg(long, value_name = "FILE")]
@@ -136,12 +136,8 @@ impl Columns {
             return Err(table.fail(length, "tool_x_mm .. and tool_length_mm both place the tip; keep one"));
         }
         if found.axes.is_empty() {
-            return Err(failure!(
-                EX_DATAERR,
-                "{}: no column with an axis of the chain; columns are {}",
-                table.file(),
-                known.join(", ")
-            ));
+            let known = known.join(", ");
+            return Err(data!(table.file(), "no column with an axis of the chain; columns are {known}"));
         }
         Ok(found)
     }

@@ -1,23 +1,26 @@
-//! A progress bar for work that reads a file.
+//! A progress bar for work that takes long.
 
 use std::cell::OnceCell;
-use std::io::{self, IsTerminal};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 
-/// The bar appears after this time.
+/// The bar of a file appears after this time.
 const SLOW: Duration = Duration::from_secs(2);
 /// Time after which a search counts as slow.
 const SEARCH_SLOW: Duration = Duration::from_secs(1);
+/// What stands in the bar of a file.
+const OF_BYTES: &str = "{bar:40} {bytes}/{total_bytes} {bytes_per_sec} {eta}";
 
 /// A bar on stderr, only where that is a terminal and the work takes long.
 pub(super) struct Progress {
     started: Instant,
+    slow: Duration,
+    style: Option<ProgressStyle>,
+    /// Size of the file, where it is known.
     total: Option<u64>,
-    shown: bool,
-    bar: Option<ProgressBar>,
+    bar: OnceCell<ProgressBar>,
 }
 
 impl Drop for Progress {
@@ -27,58 +30,47 @@ impl Drop for Progress {
 }
 
 impl Progress {
-    /// For work on this file from now on.
     #[expect(clippy::disallowed_methods, reason = "the bar appears only where the work takes long")]
-    pub(super) fn new(points: &Path) -> Self {
-        let total = std::fs::metadata(points).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
-        Self { started: Instant::now(), total, shown: io::stderr().is_terminal(), bar: None }
+    fn new(slow: Duration, style: Option<ProgressStyle>, total: Option<u64>) -> Self {
+        Self { started: Instant::now(), slow, style, total, bar: OnceCell::new() }
+    }
+
+    /// For work on this file from now on.
+    #[expect(clippy::disallowed_methods, reason = "the size of the file is the length of the bar")]
+    pub(super) fn of_file(file: &Path) -> Self {
+        let total = std::fs::metadata(file).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
+        Self::new(SLOW, ProgressStyle::with_template(OF_BYTES).ok(), total)
+    }
+
+    /// For a search of so many steps as [`Self::show`] says.
+    pub(super) fn of_steps() -> Self {
+        Self::new(SEARCH_SLOW, None, None)
     }
 
     /// So many bytes are done.
-    pub(super) fn update(&mut self, bytes: u64) {
-        if !self.shown || self.started.elapsed() < SLOW {
+    pub(super) fn update(&self, bytes: u64) {
+        self.show_of(bytes, self.total);
+    }
+
+    /// So many steps are done.
+    pub(super) fn show(&self, done: u64, of: u64) {
+        self.show_of(done, Some(of));
+    }
+
+    fn show_of(&self, done: u64, of: Option<u64>) {
+        if self.started.elapsed() < self.slow {
             return;
         }
-        let bar = self.bar.get_or_insert_with(|| {
-            let bar = ProgressBar::with_draw_target(self.total, ProgressDrawTarget::stderr());
-            let template = "{bar:40} {bytes}/{total_bytes} {bytes_per_sec} {eta}";
-            if let Ok(style) = ProgressStyle::with_template(template) {
-                bar.set_style(style);
-            }
+        let begin = || {
+            let bar = of.map_or_else(ProgressBar::no_length, ProgressBar::new);
+            self.style.iter().for_each(|style| bar.set_style(style.clone()));
             bar
-        });
-        bar.set_position(bytes);
+        };
+        self.bar.get_or_init(begin).set_position(done);
     }
 
     /// Takes the bar away.
     pub(super) fn finish(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
-}
-
-/// A progress bar on the terminal that appears only where the search takes longer than a second.
-pub(super) struct Steps {
-    start: Instant,
-    bar: OnceCell<ProgressBar>,
-}
-
-impl Steps {
-    #[expect(clippy::disallowed_methods, reason = "the bar appears only where the work takes long")]
-    pub(super) fn new() -> Self {
-        Self { start: Instant::now(), bar: OnceCell::new() }
-    }
-
-    pub(super) fn show(&self, done: u64, of: u64) {
-        if self.start.elapsed() > SEARCH_SLOW {
-            self.bar.get_or_init(|| ProgressBar::new(of)).set_position(done);
-        }
-    }
-
-    pub(super) fn clear(&self) {
-        if let Some(bar) = self.bar.get() {
-            bar.finish_and_clear();
-        }
+        self.bar.get().into_iter().for_each(ProgressBar::finish_and_clear);
     }
 }

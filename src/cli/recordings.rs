@@ -60,13 +60,14 @@ fn recording<'a>(path: &Path, bytes: &'a [u8]) -> Result<Recording<'a>> {
 }
 
 /// Entries that a run had and the files have not.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Missing {
     /// The file that should hold them or that follows them.
     pub(super) file: String,
     /// How many, where that is known.
     pub(super) records: Option<u64>,
     /// Number of the next entry; `None` at the end of the last file.
+    #[serde(rename = "before_record")]
     pub(super) before: Option<u64>,
     /// Time of the last entry before and of the first one after them, s since the first entry of the files.
     pub(super) from_s: Option<f64>,
@@ -167,12 +168,12 @@ pub(super) fn walk(files: &mut [Parsed], mut each: impl FnMut(&Item) -> Result<(
         if k + 1 < count {
             continue;
         }
-        let ends_at = end(&recording, notes());
+        let ends_at = recording.end(notes());
         if let Err(why) = &ends_at {
             found.notes.push(format!("{file}: {why}"));
         }
         if !matches!(ends_at, Ok(end) if end <= expected) {
-            let known = known_end(notes()).max(ends_at.unwrap_or_default());
+            let known = Note::known_end(notes()).max(ends_at.unwrap_or_default());
             found.missing.push(Missing {
                 file,
                 records: known.checked_sub(expected).filter(|records| *records > 0),
@@ -183,24 +184,6 @@ pub(super) fn walk(files: &mut [Parsed], mut each: impl FnMut(&Item) -> Result<(
         }
     }
     Ok(found)
-}
-
-/// Number behind the last entry of a file, from its index; why it is not known.
-fn end<'n>(recording: &Recording<'_>, notes: impl Iterator<Item = &'n Note>) -> Result<u64, &'static str> {
-    if !recording.closed {
-        return Err("it was not closed: its end is missing, or it is still being written");
-    }
-    let last = recording.index_end.ok_or("its index is damaged, so its end is not known")?;
-    Ok(last.max(known_end(notes)))
-}
-
-/// Number behind the last entry of the damaged blocks.
-fn known_end<'n>(notes: impl Iterator<Item = &'n Note>) -> u64 {
-    let end = |note: &Note| match note {
-        Note::Content { first_record, records, .. } => first_record.saturating_add(u64::from(*records)),
-        _ => 0,
-    };
-    notes.map(end).max().unwrap_or_default()
 }
 
 /// The machine file inside a recording.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::recordings::{self, Missing, Parsed, Walked};
+use super::recordings::{self, Parsed, Walked};
 use super::{files, status};
 use crate::prelude::*;
 use volcomp_daemon::replay::{Difference, Gap, Replay, Report};
@@ -171,11 +171,6 @@ fn print(report: &Report, walked: &Walked) {
 }
 
 fn to_json(report: &Report, walked: &Walked) -> serde_json::Value {
-    let missing = |m: &Missing| {
-        json!({
-            "file": m.file, "records": m.records, "before_record": m.before, "from_s": m.from_s, "to_s": m.to_s,
-        })
-    };
     let gap = |g: &Gap| json!({"record": g.record, "dropped": g.dropped, "caught_up_cycles": g.caught_up});
     let difference = |d: &Difference| {
         json!({
@@ -189,7 +184,7 @@ fn to_json(report: &Report, walked: &Walked) -> serde_json::Value {
     json["gaps"] = report.gaps.iter().map(gap).collect();
     json["refused"] = report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect();
     json["notes"] = json!(walked.notes);
-    json["missing"] = walked.missing.iter().map(missing).collect();
+    json["missing"] = json!(walked.missing);
     json["damaged"] = json!(walked.damaged);
     json["complete"] = json!(is_complete(report, walked));
     json

@@ -13,6 +13,19 @@ pub(crate) const fn units(kind: AxisKind) -> (&'static str, &'static str) {
     }
 }
 
+/// A start-up outlier by its keys, with the units of targets and deviations in them.
+pub(crate) fn as_json(m: &Marked, (position, value): (&str, &str)) -> Value {
+    json!({
+        "line": m.line,
+        format!("target_{position}"): m.target,
+        "direction": if m.travel == Travel::Forward { 1 } else { -1 },
+        "cycle": m.cycle,
+        format!("deviation_{value}"): m.deviation,
+        format!("apart_{value}"): m.apart,
+        format!("limit_{value}"): m.limit,
+    })
+}
+
 /// A start-up outlier in a sentence.
 pub(crate) fn words(m: &Marked, kind: AxisKind) -> String {
     words_in(m, units(kind))

@@ -31,11 +31,7 @@ pub(super) struct Which {
 
 /// Show what the daemon is doing: state, health, offsets, latency, warnings, faults.
 #[derive(Debug, clap::Parser)]
-#[command(
-    after_help = "Exit codes: 0 active or idle and nothing to report; 1 a warning in the last minute, or something \
-    stands against compensating; 2 the offset is held, or an enabled compensation waits for the machine; 3 no link to the control; 4 a fault is latched; \
-    74 the daemon does not answer."
-)]
+#[command(after_help = include_str!("status/help.txt"))]
 pub(super) struct StatusArgs {
     #[command(flatten)]
     which: Which,

@@ -56,14 +56,18 @@ pub(super) fn open_stream(path: &Path) -> Result<Table> {
 }
 
 fn open_as(path: &Path, kind: InputKind) -> Result<Table> {
-    let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
-    Table::new(input::open(path, kind)?.buffered(), file)
+    Table::new(input::open(path, kind)?.buffered(), name_of(path))
+}
+
+/// The name of a file in messages.
+pub(super) fn name_of(path: &Path) -> String {
+    if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() }
 }
 
 impl Table {
     /// Reads the header.
     pub(super) fn new(source: impl BufRead + 'static, file: String) -> Result<Self> {
-        let progress = Progress::new(Path::new(&file));
+        let progress = Progress::of_file(Path::new(&file));
         let mut table = Self {
             source: Box::new(source),
             file,
@@ -78,11 +82,7 @@ impl Table {
             rows_left: ROWS_MAX,
         };
         if !table.next_line()? {
-            return Err(failure!(
-                EX_DATAERR,
-                "{}: the file is empty; the first line names the columns",
-                table.file
-            ));
+            return Err(data!(table.file, "the file is empty; the first line names the columns"));
         }
         table.split();
         for i in 0..table.fields.len() {
@@ -180,12 +180,18 @@ impl Table {
         Ok(true)
     }
 
-    /// What `read` makes of every row, of which there must be one.
-    pub(super) fn some_rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
+    /// What `read` makes of every row.
+    pub(super) fn rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
         let mut rows = Vec::new();
         while self.advance()? {
             rows.push(read(self)?);
         }
+        Ok(rows)
+    }
+
+    /// The same, and there must be one.
+    pub(super) fn some_rows<T>(&mut self, read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
+        let rows = self.rows(read)?;
         if rows.is_empty() { Err(no_rows(&self.file)) } else { Ok(rows) }
     }
 
@@ -365,31 +371,11 @@ pub(super) fn other_unit(column: &str, wanted: &str) -> Option<String> {
 
 /// The name that `wanted` may be a slip of: equal but for case and punctuation, or one or two letters off.
 pub(super) fn nearest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let plain = |s: &str| {
-        s.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect::<Vec<char>>()
-    };
+    let plain = |s: &str| s.replace(|c: char| !c.is_ascii_alphanumeric(), "").to_ascii_lowercase();
     let target = plain(wanted);
     let limit = if target.len() > 5 { 2 } else { 1 };
-    names
-        .map(|n| (distance(&target, &plain(n)), n))
-        .filter(|(d, _)| *d <= limit)
-        .min_by_key(|(d, _)| *d)
-        .map(|(_, n)| n)
-}
-
-/// Letters to insert, remove or change to get from `a` to `b`.
-fn distance(a: &[char], b: &[char]) -> usize {
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.iter().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let changed = diagonal + usize::from(ca != cb);
-            diagonal = row[j + 1];
-            row[j + 1] = changed.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
+    let near = names.map(|n| (strsim::levenshtein(&target, &plain(n)), n)).filter(|(d, _)| *d <= limit);
+    near.min_by_key(|(d, _)| *d).map(|(_, n)| n)
 }
 
 #[cfg(test)]

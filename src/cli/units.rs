@@ -62,7 +62,13 @@ const SMALLEST_UM: f64 = 0.1;
 
 /// Refuses deviations larger than any machine's and notes lengths smaller than any: both are in another unit than `column`
 /// says. `largest` is their largest absolute value, um or arcsec.
-pub(crate) fn check_size(file: &str, column: &str, largest: f64, is_angle: bool) -> Result<()> {
+pub(crate) fn check_size(
+    file: &str,
+    column: &str,
+    values: impl Iterator<Item = f64>,
+    is_angle: bool,
+) -> Result<()> {
+    let largest = values.map(f64::abs).fold(0.0, f64::max);
     let (limit, unit, hint): (_, _, fn(f64) -> &'static str) = if is_angle {
         (arcsec_from_rad(ANGLE_LIMIT), "arcsec", angle_unit_hint)
     } else {

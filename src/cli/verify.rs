@@ -2,7 +2,7 @@
 
 mod record;
 
-use crate::acceptance::{Acceptance, Assessed, HeadArgs, Judged};
+use crate::acceptance::HeadArgs;
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};
@@ -131,12 +131,10 @@ fn other_range(test: &Compared) -> Option<String> {
     if test.test == "iso230-4" {
         return None;
     }
-    let range = |readings: &[Placed]| {
-        let targets = || readings.iter().map(Placed::target);
-        let low = targets().reduce(f64::min)?;
-        Some([low, targets().reduce(f64::max)?])
-    };
-    let [before, after] = [range(&test.readings[0])?, range(&test.readings[1])?];
+    if test.readings.iter().any(Vec::is_empty) {
+        return None;
+    }
+    let [before, after] = test.readings.each_ref().map(|all| hull(all.iter().map(Placed::target)));
     let limit = SAME_RANGE * (before[1] - before[0]).max(after[1] - after[0]);
     let differs = before.iter().zip(&after).any(|(b, a)| (b - a).abs() > limit);
     let unit = if test.unit == "arcsec" { "deg" } else { "mm" };
@@ -372,7 +370,8 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
         .zip(&after)
         .map(|(b, a)| {
             let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
-            let plot = Plot::new(m_title(&b.name), "position, mm", "deviation, µm");
+            let name = b.name.trim_end_matches("_um").to_uppercase();
+            let plot = Plot::new(name, "position, mm", "deviation, µm");
             plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
         })
         .collect();
@@ -386,10 +385,6 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
         ..Compared::default()
     };
     Ok((compared, charts))
-}
-
-fn m_title(column: &str) -> String {
-    column.trim_end_matches("_um").to_uppercase()
 }
 
 fn read_motions(path: &Path) -> Result<Vec<Motion>> {

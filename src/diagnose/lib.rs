@@ -43,7 +43,7 @@ use search::{Problem, RawColumns, Selection};
 use session::{BallZero, Note, Session};
 
 pub use next::Dialect;
-pub use outcome::{Budget, Correction, Curve, Diagnosis, FittedLine, Level, ProgramResidual};
+pub use outcome::{Budget, Correction, Curve, Diagnosis, FittedLine, Level, ProgramResidual, Shares};
 pub use plan::plan;
 pub use predict::{PredictError, predict};
 pub use volcomp_effects::{addition, machine_state};

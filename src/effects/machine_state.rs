@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use volcomp_model::ReferencePoint;
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
+use volcomp_units::RAD_PER_DEG;
 use volcomp_units::axes::AxisName;
 
 /// Number of axes that session files know.
@@ -208,7 +209,35 @@ impl Default for MachineState {
     }
 }
 
+/// Where the value of a column goes.
+pub type Field = Box<dyn Fn(&mut MachineState, f64)>;
+
 impl MachineState {
+    /// The columns of a table of states, each with where its values go.
+    #[must_use]
+    pub fn fields() -> Vec<(String, Field)> {
+        let mut all: Vec<(String, Field)> = Vec::new();
+        let mut add = |name: String, field: Field| all.push((name, field));
+        for axis in Axis::ALL {
+            let (i, linear) = (axis.slot(), axis.is_linear());
+            let (unit, factor) = if linear { ("mm", 1.0) } else { ("deg", RAD_PER_DEG) };
+            add(axis.column(), Box::new(move |m, v| m.position[i] = v * factor));
+            add(format!("v{axis}_{unit}_per_s"), Box::new(move |m, v| m.velocity[i] = v * factor));
+            add(format!("a{axis}_{unit}_per_s2"), Box::new(move |m, v| m.acceleration[i] = v * factor));
+            add(format!("dir_{axis}"), Box::new(move |m, v| m.direction[i] = v));
+            add(format!("since_reversal_{axis}_{unit}"), Box::new(move |m, v| m.since_mm[i] = v * factor));
+            add(format!("since_reversal_{axis}_s"), Box::new(move |m, v| m.since_s[i] = v));
+            if linear {
+                add(format!("target_{axis}_mm"), Box::new(move |m, v| m.target_mm[i] = v));
+                add(format!("force_{axis}_n"), Box::new(move |m, v| m.force_n[i] = v));
+            }
+        }
+        add("t_s".to_owned(), Box::new(|m, v| m.t_s = v));
+        add("tool_length_mm".to_owned(), Box::new(|m, v| m.tool_length_mm = v));
+        add("range_mm".to_owned(), Box::new(|m, v| m.range_mm = v));
+        all
+    }
+
     /// The reading is of a rotation, given as displacement at the end of a lever.
     #[must_use]
     pub fn is_angular(&self) -> bool {

@@ -28,6 +28,26 @@ pub struct AxisLimits {
     pub step: f64,
 }
 
+impl AxisLimits {
+    /// The fastest change of the offset at this cycle: mm/s or rad/s.
+    #[must_use]
+    pub fn fastest(&self, cycle_s: f64) -> f64 {
+        self.rate.min(self.step / cycle_s)
+    }
+
+    /// Time from rest at the size limit to rest at zero, s.
+    #[must_use]
+    pub fn leaving_s(&self, cycle_s: f64) -> f64 {
+        let (distance, rate, acceleration) = (self.size, self.fastest(cycle_s), self.acceleration);
+        // with a stretch at full rate, or turning round half way
+        if rate * rate <= distance * acceleration {
+            distance / rate + rate / acceleration
+        } else {
+            2.0 * (distance / acceleration).sqrt()
+        }
+    }
+}
+
 /// Which position the errors are looked up at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PositionSource {

@@ -47,6 +47,6 @@ impl Shortfall {
 
 /// Time from one size limit to the other with the limits of rate, acceleration and step, s.
 fn crossing_s(limits: &AxisLimits, cycle_s: f64) -> f64 {
-    let rate = limits.rate.min(limits.step / cycle_s);
+    let rate = limits.fastest(cycle_s);
     2.0 * limits.size / rate + 2.0 * rate / limits.acceleration
 }

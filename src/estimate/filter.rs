@@ -6,10 +6,17 @@
 //!
 //! Source: equations 5.8. Gate, alarm, caps and the bounded output are there, too.
 
+mod recording;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::grid::{NodeGrid, NodePlace};
 use super::noise::MeasurementNoise;
+use volcomp_model::ErrorFunction;
+use volcomp_model::axes::AxisName;
+use volcomp_model::curve::{CurveError, Grid};
+
+pub use recording::{Run, Sample};
 
 /// Most components of one filter: three angles and three positions.
 pub const COMPONENTS_MAX: usize = 6;
@@ -485,6 +492,33 @@ impl NodeFilter {
     /// The state as it may be used: within the limit about the prior map.
     pub fn map(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
         (0..self.nodes * self.components).map(|i| self.bounded(i))
+    }
+
+    /// An error with the map of the first component as one more grid over `axes`, or in place of a grid over the same nodes.
+    ///
+    /// # Errors
+    /// The nodes make no grid of a model.
+    pub fn added_to(
+        &self,
+        mut function: ErrorFunction,
+        axes: [AxisName; 3],
+        grid: &NodeGrid,
+    ) -> Result<ErrorFunction, CurveError> {
+        // the grid of the model has its last axis fastest, the filter its first
+        let edges = |i: usize| (axes[i], grid.positions(i).to_vec());
+        let mut values: Vec<f64> = self.map().collect();
+        let is_same = |g: &Grid| {
+            g.axes().eq([axes[2], axes[1], axes[0]])
+                && (0..3).all(|i| g.positions(i) == grid.positions(2 - i))
+        };
+        if let Some(at) = function.grids.iter().position(is_same) {
+            let old = function.grids.remove(at);
+            values.iter_mut().zip(old.values()).for_each(|(new, old)| *new += old);
+        }
+        function.grids.push(Grid::new(vec![edges(2), edges(1), edges(0)], values)?);
+        let variances: f64 = self.variances().sum();
+        function.std = Some((variances / self.state().len() as f64).sqrt());
+        Ok(function)
     }
 
     /// Variances of the state.

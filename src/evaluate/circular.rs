@@ -103,6 +103,24 @@ const READINGS_NEEDED: usize = 8;
 const GAP_LIMIT: f64 = TAU / 4.0;
 
 impl Circularity {
+    /// The widest of a circular test.
+    #[must_use]
+    pub fn widest(&self) -> f64 {
+        self.g_both.or(self.g_forward).or(self.g_backward).unwrap_or(0.0)
+    }
+
+    /// About the least-squares circle of this nominal radius (mm); an arc, which cannot be centred so, about `offset` (mm).
+    ///
+    /// # Errors
+    /// See [`Self::evaluate`].
+    pub fn about(readings: &[CircularReading], radius: f64, offset: [f64; 2]) -> Result<Self, CircularError> {
+        Self::evaluate(readings, Centring::LeastSquares { radius: Some(radius) }).or_else(|_| {
+            let off = |a: f64| offset[0] * a.cos() + offset[1] * a.sin();
+            let about = |r: &CircularReading| CircularReading { deviation: r.deviation - off(r.angle), ..*r };
+            Self::evaluate(&readings.iter().map(about).collect::<Vec<_>>(), Centring::None)
+        })
+    }
+
     /// Evaluates a test.
     ///
     /// # Errors

@@ -34,6 +34,13 @@ impl Diagonal {
         }
     }
 
+    /// The signs of X, Y, Z: `+X -Y +Z`.
+    #[must_use]
+    pub fn signs(self) -> String {
+        let sign = |(c, axis): (char, char)| format!("{}{axis}", if c == 'p' { '+' } else { '-' });
+        self.name().chars().zip(['X', 'Y', 'Z']).map(sign).collect::<Vec<_>>().join(" ")
+    }
+
     /// The diagonal of a name; the opposite signs name the same diagonal (`nnn` is `ppp`).
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
@@ -45,6 +52,17 @@ impl Diagonal {
             _ => None,
         }
     }
+}
+
+/// Readings with each diagonal about its mean: the zero of the interferometer belongs to its set-up.
+#[must_use]
+pub fn about_means(readings: &[(Diagonal, PositioningReading)]) -> Vec<(Diagonal, PositioningReading)> {
+    let about = |(d, r): &(Diagonal, PositioningReading)| {
+        let own = || readings.iter().filter(|(other, _)| other == d).map(|(_, r)| r.deviation);
+        let mean = own().sum::<f64>() / own().count().max(1) as f64;
+        (*d, PositioningReading { deviation: r.deviation - mean, ..*r })
+    };
+    readings.iter().map(about).collect()
 }
 
 /// The result of a diagonal test.

@@ -139,6 +139,12 @@ impl AtTarget {
 }
 
 impl Positioning {
+    /// Range of the targets.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.targets.first().zip(self.targets.last()).map_or(0.0, |(a, b)| b.target - a.target)
+    }
+
     /// Evaluates a test; the order of the readings does not matter.
     ///
     /// # Errors

@@ -138,7 +138,49 @@ impl CircularUncertainties {
     }
 }
 
+/// A figure of a test with its uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OfFigure {
+    /// Key, such as `a_fwd`.
+    pub key: &'static str,
+    /// Symbol and direction in words, such as `A, forward`.
+    pub name: &'static str,
+    /// The uncertainty, whether or not something was stated of the measurement.
+    pub expanded: Expanded,
+    /// That of the measurement. Reversal and repeatability compare readings at one place: only drift belongs to them, and
+    /// without it theirs is not stated; nothing is where nothing went in.
+    pub measurement: Option<f64>,
+}
+
+/// Keys and names of the figures, in the order of [`Uncertainties`].
+const BOTH: [(&str, &str); 5] = [("b", "B"), ("r", "R"), ("e", "E"), ("m", "M"), ("a", "A")];
+const FORWARD: [(&str, &str); 3] =
+    [("e_fwd", "E, forward"), ("a_fwd", "A, forward"), ("r_fwd", "R, forward")];
+const BACKWARD: [(&str, &str); 3] =
+    [("e_bwd", "E, backward"), ("a_bwd", "A, backward"), ("r_bwd", "R, backward")];
+
 impl Uncertainties {
+    /// All figures with an uncertainty, those of both directions first.
+    pub fn figures(&self) -> impl Iterator<Item = OfFigure> + '_ {
+        let both = self.both.into_iter().flat_map(|of| BOTH.into_iter().zip(of));
+        let sides = [(self.forward, FORWARD), (self.backward, BACKWARD)];
+        let sides = sides
+            .into_iter()
+            .flat_map(|(of, names)| of.into_iter().flat_map(move |of| names.into_iter().zip(of)));
+        let has_drift = self.contributions.iter().any(|c| c.name == "drift");
+        both.chain(sides).map(move |((key, name), expanded)| {
+            let is_stated =
+                if key.starts_with(['b', 'r']) { has_drift } else { !self.contributions.is_empty() };
+            OfFigure { key, name, expanded, measurement: is_stated.then_some(expanded.measurement) }
+        })
+    }
+
+    /// The uncertainty of a figure by its key.
+    #[must_use]
+    pub fn figure(&self, key: &str) -> Option<OfFigure> {
+        self.figures().find(|f| f.key == key)
+    }
+
     /// Uncertainties of an evaluated test; `length_mm` is the range of its targets.
     #[must_use]
     pub fn of(test: &Positioning, conditions: &Conditions, length_mm: f64) -> Self {

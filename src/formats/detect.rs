@@ -5,7 +5,7 @@ use super::{api_pos, b5r, camonitor, edge, heidenhain, isg, isg_lis, iso230_dat,
 /// Bytes of the beginning that decide.
 pub const HEAD: usize = 1 << 16;
 
-/// A format that its beginning gives away. Tables of plain numbers (LinuxCNC, any CSV) do not: they have to be named.
+/// A format of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Renishaw static laser test.
@@ -28,12 +28,17 @@ pub enum Format {
     ApiPos,
     /// EPICS camonitor log.
     Camonitor,
+    /// LinuxCNC screw compensation.
+    LinuxCnc,
+    /// Any table with a column map.
+    Columns,
 }
 
 /// Says whether a beginning is of a format.
 type Recogniser = fn(&str) -> bool;
 
-/// The format of a file from its first [`HEAD`] bytes (or all of them).
+/// The format of a file from its first [`HEAD`] bytes (or all of them). Tables of plain numbers (LinuxCNC, any CSV) do not give
+/// theirs away: they have to be named.
 #[must_use]
 pub fn format(head: &[u8]) -> Option<Format> {
     let head = &head[..head.len().min(HEAD)];

@@ -157,6 +157,20 @@ fn reading(row: &MotionRow, component: usize) -> Reading {
     Reading { cycle: row.cycle, travel: row.travel, position: row.position, value: row.motion[component] }
 }
 
+/// Slope of a motion over the position by least squares, in its unit per mm; 0 at a single position.
+#[must_use]
+pub fn slope(rows: &[MotionRow], component: usize) -> f64 {
+    let n = rows.len() as f64;
+    let of = |r: &MotionRow| (r.position, r.motion[component]);
+    let (mean_q, mean_e) = rows.iter().map(of).fold((0.0, 0.0), |m, (q, e)| (m.0 + q / n, m.1 + e / n));
+    let (mut qq, mut qe) = (0.0, 0.0);
+    for (q, e) in rows.iter().map(of) {
+        qq += (q - mean_q).powi(2);
+        qe += (q - mean_q) * (e - mean_e);
+    }
+    if qq > 0.0 { qe / qq } else { 0.0 }
+}
+
 impl Gauged {
     /// The readings of one error motion, for a curve fit.
     #[must_use]
@@ -171,6 +185,69 @@ impl Gauged {
         let k = component.index();
         let sum: f64 = self.rows.iter().map(|r| r.covariance[(k, k)]).sum();
         (sum / self.rows.len() as f64).sqrt()
+    }
+}
+
+/// Positions closer than this (mm) are the same for two methods.
+const SAME_POSITION: f64 = 1e-3;
+
+/// Differences of the motions of two methods over the positions that both have, own minus other, about their mean: each
+/// method has its own zero. EX EY EZ mm, EA EB EC rad.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// Positions in common.
+    pub positions: usize,
+    /// Root mean square.
+    pub rms: [f64; 6],
+    /// Largest absolute difference.
+    pub largest: [f64; 6],
+    /// Standard deviation of one of the own means.
+    pub std_here: [f64; 6],
+    /// Standard deviation of one of the other's means from its repeats; `None` without repeats.
+    pub std_there: [Option<f64>; 6],
+}
+
+impl Comparison {
+    /// Compares with positions (mm) and motions of another method, in any order.
+    ///
+    /// # Errors
+    /// Fewer than two positions in common: their number.
+    pub fn of(own: &Gauged, other: &[(f64, [f64; 6])]) -> Result<Self, usize> {
+        let (positions, means) = means(&own.rows);
+        let per_position = own.rows.len() as f64 / positions.len() as f64;
+        let mut differences: Vec<[f64; 6]> = Vec::new();
+        let (mut squares, mut free, mut repeats) = ([0.0; 6], 0usize, 0usize);
+        for (position, mean) in positions.iter().zip(&means) {
+            let is_same = |(p, _): &&(f64, [f64; 6])| (p - position).abs() < SAME_POSITION;
+            let there: Vec<&[f64; 6]> = other.iter().filter(is_same).map(|(_, m)| m).collect();
+            if there.is_empty() {
+                continue;
+            }
+            let n = there.len() as f64;
+            let average: [f64; 6] = core::array::from_fn(|i| there.iter().map(|m| m[i]).sum::<f64>() / n);
+            for (i, s) in squares.iter_mut().enumerate() {
+                *s += there.iter().map(|m| (m[i] - average[i]).powi(2)).sum::<f64>();
+            }
+            free += there.len() - 1;
+            repeats += there.len();
+            differences.push(core::array::from_fn(|i| mean[i] - average[i]));
+        }
+        if differences.len() < 2 {
+            return Err(differences.len());
+        }
+        let count = differences.len() as f64;
+        let offset: [f64; 6] =
+            core::array::from_fn(|i| differences.iter().map(|d| d[i]).sum::<f64>() / count);
+        let of = |i: usize| differences.iter().map(move |d| d[i] - offset[i]);
+        Ok(Self {
+            positions: differences.len(),
+            rms: core::array::from_fn(|i| (of(i).map(|d| d * d).sum::<f64>() / (count - 1.0)).sqrt()),
+            largest: core::array::from_fn(|i| of(i).fold(0.0f64, |m, d| m.max(d.abs()))),
+            std_here: Component::ALL.map(|c| own.std(c) / per_position.sqrt()),
+            std_there: core::array::from_fn(|i| {
+                (free > 0).then(|| (squares[i] / free as f64 / (repeats as f64 / count)).sqrt())
+            }),
+        })
     }
 }
 

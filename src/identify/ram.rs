@@ -12,7 +12,9 @@ use nalgebra::{Matrix6, Vector6};
 
 use super::twist::{self, Row, Sighting};
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
-use volcomp_model::statistics::chi_square_upper;
+use volcomp_model::statistics::{ChiSquare, chi_square_upper};
+use volcomp_model::{Model, ModelSpec};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// The head.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,6 +101,45 @@ pub enum RamError {
         /// The value.
         value: f64,
     },
+}
+
+impl Prior {
+    /// At a position of the ram: means from the curves of a model, zero without one; `std` as in [`Prior`].
+    #[must_use]
+    pub fn of_model(
+        model: Option<&ModelSpec>,
+        std: [f64; 6],
+        axis: AxisName,
+        position: f64,
+        travel: Travel,
+    ) -> Self {
+        let mut mean = [0.0; 6];
+        for (symbol, function) in model.iter().flat_map(|m| &m.errors) {
+            if symbol.axis() == axis && !symbol.is_constant() {
+                mean[symbol.component().index()] = function.value(position, travel);
+            }
+        }
+        Self { mean: mean.into(), std: std.into() }
+    }
+}
+
+impl RamFit {
+    /// Residuals over stated noise, where larger; 1 without a degree of freedom.
+    #[must_use]
+    pub fn misfit(&self) -> f64 {
+        let fit = ChiSquare { sum: self.chi2, dof: self.dof };
+        fit.noise_factor().map_or(1.0, |factor| factor.max(1.0))
+    }
+}
+
+impl HeadPose {
+    /// Takes off what the rotary axes of a model do: first order, ram at home.
+    pub fn take_off(&mut self, model: &Model, head: &Head) {
+        let pose = model.pose_of(&[(AxisName::C, self.c), (AxisName::A, self.a)]);
+        let of_head = model.deviation(&pose);
+        self.tip_error -= of_head.position;
+        self.direction_error -= of_head.rotation.cross(&head.at(self.c, self.a).0);
+    }
 }
 
 impl Head {

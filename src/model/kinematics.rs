@@ -432,9 +432,7 @@ impl Model {
 impl Joint {
     fn new(axis: ChainAxis, spec: &ModelSpec, sensors: &[String], dynamics: &mut Vec<AxisTerm>) -> Self {
         let entry = spec.axis(axis.name);
-        let function = |wanted: ErrorSymbol| {
-            spec.errors.iter().find(|(s, _)| *s == wanted).map(|(_, f)| f.clone()).unwrap_or_default()
-        };
+        let function = |wanted: ErrorSymbol| spec.error(wanted).cloned().unwrap_or_default();
         let constant = |wanted: ErrorSymbol| function(wanted).value(0.0, Travel::Forward);
         let name = axis.name;
         let motions = Component::ALL.map(|component| function(ErrorSymbol::Motion { component, axis: name }));

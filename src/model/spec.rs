@@ -127,6 +127,31 @@ impl ModelSpec {
         self.axes.iter().find(|a| a.name == name).cloned().unwrap_or_else(|| AxisSpec::new(name))
     }
 
+    /// The entry of an axis, made where it is missing.
+    pub fn axis_mut(&mut self, name: AxisName) -> &mut AxisSpec {
+        let index = self.axes.iter().position(|a| a.name == name).unwrap_or_else(|| {
+            self.axes.push(AxisSpec::new(name));
+            self.axes.len() - 1
+        });
+        &mut self.axes[index]
+    }
+
+    /// The function of an error; none where the error is zero.
+    #[must_use]
+    pub fn error(&self, symbol: ErrorSymbol) -> Option<&ErrorFunction> {
+        self.errors.iter().find(|(s, _)| *s == symbol).map(|(_, function)| function)
+    }
+
+    /// The function of an error, made in its place where it is missing.
+    pub fn error_mut(&mut self, symbol: ErrorSymbol) -> &mut ErrorFunction {
+        if self.error(symbol).is_none() {
+            self.errors.push((symbol, ErrorFunction::default()));
+            self.errors.sort_by_key(|(symbol, _)| *symbol);
+        }
+        let index = self.errors.iter().position(|(s, _)| *s == symbol).unwrap_or_default();
+        &mut self.errors[index].1
+    }
+
     /// Positions of an axis (tool-side sense, mm or rad) over which the model says something: its travel or, where none
     /// is stated, the hull of the ranges of its curves and grids; `None` where neither is there.
     #[must_use]

@@ -23,6 +23,41 @@ pub fn chi_square_upper(value: f64, dof: usize) -> f64 {
     ChiSquared::new(dof as f64).map_or(1.0, |d| d.sf(value).clamp(0.0, 1.0))
 }
 
+/// A sum of squared weighted residuals with its degrees of freedom: the test of fit against stated noise.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ChiSquare {
+    /// The sum.
+    pub sum: f64,
+    /// Degrees of freedom.
+    pub dof: usize,
+}
+
+impl ChiSquare {
+    /// Probability of a sum at least as large by the stated noise; none without a degree of freedom.
+    #[must_use]
+    pub fn p_value(self) -> Option<f64> {
+        (self.dof > 0).then(|| chi_square_upper(self.sum, self.dof))
+    }
+
+    /// True where the test of fit has failed.
+    #[must_use]
+    pub fn has_failed(self) -> bool {
+        self.p_value().is_some_and(|p| p < SIGNIFICANT)
+    }
+
+    /// Noise of the residuals over stated noise; none without a degree of freedom.
+    #[must_use]
+    pub fn noise_factor(self) -> Option<f64> {
+        (self.dof > 0).then(|| (self.sum / self.dof as f64).sqrt())
+    }
+
+    /// By what stated uncertainties are enlarged: the noise factor where the test has failed, else 1.
+    #[must_use]
+    pub fn enlarged(self) -> f64 {
+        self.noise_factor().filter(|_| self.has_failed()).unwrap_or(1.0)
+    }
+}
+
 /// Probability that a normal variable lies further than `z` standard deviations from its mean.
 #[must_use]
 pub fn normal_two_sided(z: f64) -> f64 {

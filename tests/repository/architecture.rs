@@ -58,6 +58,7 @@ const PURE_MAY_USE: &[&str] = &[
     "serde",
     "serde_json",
     "statrs",
+    "strsim",
     "thiserror",
     "toml",
     "wide",

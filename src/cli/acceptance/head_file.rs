@@ -1,9 +1,6 @@
 //! The head of a report as a file in TOML (`docs/how-to/reports.md`); every key is optional.
 
-use crate::files::from_toml;
 use crate::prelude::*;
-
-use serde::Deserialize;
 
 /// Figures of one test with their limits or uncertainties, by their keys such as `a-um`.
 pub(crate) type Numbers = BTreeMap<String, f64>;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use self::settings::{Setting, settings};
 pub(crate) use self::text_report::model_notes;
-pub(super) use self::text_report::{Size, kinds_of};
+pub(super) use self::text_report::{Size, axis_json, error_json, kinds_of};
 use self::text_report::{describe_machine, describe_model, expiry_note, machine_notes, model_as_json};
 use crate::prelude::*;
 use volcomp_config::{ConfigErrors, Diagnostic, FileKind};

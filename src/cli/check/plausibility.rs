@@ -28,21 +28,18 @@ pub(super) fn notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<String> {
 /// Rate and acceleration at which an offset stays in the machine long after a stop.
 fn slow_to_leave(axis: &AxisConfig, cycle_s: f64) -> Option<String> {
     let limits = &axis.limits;
-    let stepwise = limits.step / cycle_s;
-    let (distance, rate, acceleration) = (limits.size, limits.rate.min(stepwise), limits.acceleration);
-    // from rest to rest: with a stretch at full rate, or turning round half way
-    let way_s = if rate * rate <= distance * acceleration {
-        distance / rate + rate / acceleration
-    } else {
-        2.0 * (distance / acceleration).sqrt()
-    };
+    let way_s = limits.leaving_s(cycle_s);
     if way_s <= LEAVING_S_MAX {
         return None;
     }
     let (name, unit) = (axis.name, offset_unit(axis.name));
     let [distance, rate, acceleration, step] =
-        [distance, limits.rate, limits.acceleration, limits.step].map(|v| short(offset_as_is(name, v)));
-    let step = if stepwise < limits.rate { format!(" and step-{unit} {step}") } else { String::new() };
+        [limits.size, limits.rate, limits.acceleration, limits.step].map(|v| short(offset_as_is(name, v)));
+    let step = if limits.fastest(cycle_s) < limits.rate {
+        format!(" and step-{unit} {step}")
+    } else {
+        String::new()
+    };
     Some(format!(
         "axis {name}: an offset at its limit of {distance} {unit} takes {} to leave with rate-{unit}-per-s {rate}, \
          acceleration-{unit}-per-s2 {acceleration}{step}; raise them, or a stop leaves it in the machine for that long",

@@ -64,24 +64,11 @@ pub(super) fn model_as_json(file: &ModelFile, hash: &str) -> Value {
     let thermal = thermal.map(
         |t| json!({"name": t.name, "expansion": t.expansion, "terms": t.terms(), "sensors": sensors_of(t)}),
     );
-    let errors = model.errors.iter().map(|(symbol, function)| {
-        let size = Size::of(*symbol, function, model);
-        json!({
-            "symbol": key(*symbol),
-            "kinds": kinds_of(function),
-            format!("range_{}", position_unit(symbol.axis())): size.range,
-            format!("lowest_{}", size.unit): size.low,
-            format!("highest_{}", size.unit): size.high,
-        })
-    });
+    let errors = model.errors.iter().map(|(s, f)| error_json(*s, f, &Size::of(*s, f, model)));
     let axes = model.chain.axes().iter().map(|axis| {
-        let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
-        json!({
-            "axis": axis.name.lower().to_string(),
-            "workpiece_side": axis.side == Side::Workpiece,
-            "spindle": axis.spindle,
-            format!("travel_{}", position_unit(axis.name)): travel,
-        })
+        let mut json = axis_json(model, axis.name);
+        json["spindle"] = json!(axis.spindle);
+        json
     });
     json!({
         "machine": model.machine,
@@ -91,6 +78,26 @@ pub(super) fn model_as_json(file: &ModelFile, hash: &str) -> Value {
         "errors": errors.collect::<Value>(),
         "thermal": thermal.collect::<Value>(),
         "gauge": gauge::as_json(model),
+    })
+}
+
+/// Side and travel of an axis, for programs.
+pub(crate) fn axis_json(model: &ModelSpec, name: AxisName) -> Value {
+    json!({
+        "axis": name.lower().to_string(),
+        "workpiece_side": model.is_workpiece_side(name),
+        format!("travel_{}", position_unit(name)): model.axis(name).travel.map(|t| t.map(|v| position_out(name, v))),
+    })
+}
+
+/// Kinds and bounds of an error, for programs.
+pub(crate) fn error_json(symbol: ErrorSymbol, function: &ErrorFunction, size: &Size) -> Value {
+    json!({
+        "symbol": key(symbol),
+        "kinds": kinds_of(function),
+        format!("range_{}", position_unit(symbol.axis())): size.range,
+        format!("lowest_{}", size.unit): size.low,
+        format!("highest_{}", size.unit): size.high,
     })
 }
 
@@ -180,13 +187,13 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         }
         // the largest offset that positioning alone asks for must fit below the limit
         let positioning = positioning_symbol(axis.name);
-        if let Some((symbol, function)) = model.errors.iter().find(|(s, _)| *s == positioning) {
-            let size = Size::of(*symbol, function, model);
+        if let Some(function) = model.error(positioning) {
+            let size = Size::of(positioning, function, model);
             let largest = size.low.abs().max(size.high.abs());
             let limit = offset_out(axis.name, axis.limits.size);
             if largest > limit {
                 cut_off.push(format!(
-                    "{symbol} alone reaches {} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
+                    "{positioning} alone reaches {} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
                     plain(largest, 2),
                     axis.name,
                     unit = size.unit

@@ -4,7 +4,6 @@
 //! own, the whole deviation is what the addition holds.
 
 use crate::prelude::*;
-use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::Session;
 use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
@@ -30,7 +29,7 @@ pub(super) fn rotary_machine(rotary: Rotary) -> Result<(Machine, Model)> {
 /// The ideal machine of a session as a model file; `None` where none of its axes has a known place in a chain.
 pub(super) fn model_file(session: &Session, rotary: Option<Rotary>) -> Result<Option<String>> {
     let axes: Vec<(AxisName, Option<[f64; 2]>)> =
-        session.axes.iter().filter(|a| a.is_linear()).map(|a| (a.name(), travel(session, *a))).collect();
+        session.axes.iter().filter(|a| a.is_linear()).map(|a| (a.name(), session.range(*a))).collect();
     if axes.is_empty() && rotary.is_none() {
         return Ok(None);
     }
@@ -58,10 +57,4 @@ fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result
         spec.tool_tip[(r.axis.direction() + 1) % 3] = r.radius_mm;
     }
     Ok(spec)
-}
-
-/// Range of the positions of an axis; none where it stands still.
-pub(super) fn travel(session: &Session, axis: Axis) -> Option<[f64; 2]> {
-    let [low, high] = crate::numerals::hull(session.moments.iter().map(|m| m.position[axis.slot()]));
-    (low < high).then_some([low, high])
 }

@@ -1,6 +1,7 @@
 //! Session files from disk.
 
 use super::instruments::{self, InstrumentArgs, Measurement};
+use crate::positioning_data::no_rows;
 use crate::prelude::*;
 use crate::table::Table;
 use volcomp_diagnose::machine_state::Axis;
@@ -87,7 +88,7 @@ pub(super) fn read(table: &mut Table) -> Result<Raw> {
         raw.lines.push(table.line());
     }
     if raw.lines.is_empty() {
-        return Err(failure!(EX_DATAERR, "{}: no data rows", table.file()));
+        return Err(no_rows(table.file()));
     }
     let mut columns = Vec::with_capacity(kept.len());
     for i in kept {

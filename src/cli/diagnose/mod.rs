@@ -13,17 +13,16 @@ use std::io::{self, IsTerminal};
 
 use self::ideal::Rotary;
 use self::input::Source;
-use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{is_of, read_addition};
 use super::exit;
 use super::files::read_hashed_model;
 use crate::prelude::*;
 use volcomp_diagnose::library::{Label, Without};
-use volcomp_diagnose::session::{Note, Raw, Session};
+use volcomp_diagnose::session::{Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::{Addition, Base};
-use volcomp_effects::machine_state::{Machine, MachineAxis};
+use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
@@ -38,17 +37,7 @@ use volcomp_effects::prediction::machine_of;
 /// Without --model the machine is ideal, with the axes of the data; it is written to model.toml in --out, ready for volcomp
 /// model extend.
 #[derive(Debug, clap::Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp diagnose test.dat\n  \
-    volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \
-    volcomp diagnose --model m.toml --data s.csv --fresh tomorrow.csv --out gap --json\n  \
-    volcomp diagnose --model m.toml --plan --data program.csv\n  \
-    volcomp diagnose --data test.dat --axis y --out gap\n  \
-    volcomp diagnose --data circle.csv --plane xy --radius-mm 100 --out gap\n  \
-    volcomp diagnose --data plate.txt --out gap\n  \
-    volcomp diagnose --data capture.csv --axes x=1,y=2,z=6 --only y --out gap\n  \
-    volcomp diagnose --data spindle.csv --series z=ch5_um --out gap\n  \
-    volcomp diagnose --list-effects backlash")]
+#[command(after_help = include_str!("help.txt"))]
 pub(super) struct Args {
     /// The model file; without one an ideal machine with the axes of the data.
     #[arg(long, value_name = "FILE")]
@@ -141,7 +130,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let base = base.map(|(path, (.., hash))| Base { file: path.display().to_string(), hash: hash.clone() });
     let (spec, model) = model.map(|(spec, model, _)| (spec, model)).unzip();
     let data = if args.data.is_empty() { &args.files } else { &args.data };
-    let logs = Logs::read(&args.history)?;
+    let logs = logs::read(&args.history)?;
     let (mut session, rotary, stated) = load(args, data, &logs, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
@@ -151,7 +140,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let mut fresh = match args.fresh.as_slice() {
         [] => None,
         files => {
-            let own = Logs::read(&args.fresh_history)?;
+            let own = logs::read(&args.fresh_history)?;
             let logs = if args.fresh_history.is_empty() { &logs } else { &own };
             let (fresh, ..) = load(args, files, logs, model.as_ref(), &additions, &machine)?;
             let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
@@ -198,7 +187,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 fn load(
     args: &Args,
     files: &[PathBuf],
-    logs: &Logs,
+    logs: &volcomp_diagnose::session::Logs,
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
@@ -215,7 +204,7 @@ fn load(
             }
         }
     }
-    let (history, notes) = logs.of(&raws)?;
+    let (history, notes) = logs.of(&raws, logs::folder_of).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     let ideal = rotary.filter(|_| model.is_none()).map(ideal::rotary_machine).transpose()?;
     let machine = ideal.as_ref().map_or(machine, |(machine, _)| machine);
     let mut session =
@@ -223,33 +212,12 @@ fn load(
     let stated = detected.len();
     session.notes.splice(0..0, detected);
     session.notes.extend(notes);
-    session.notes.extend(outside_travel(&session, machine));
+    session.notes.extend(session.outside_travel(machine));
     input::chain(&mut session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
     if model.is_some() || !additions.is_empty() {
         predict(&mut session, model, additions).map_err(|e| failure!(EX_DATAERR, "{e}"))?;
     }
     Ok((session, rotary, stated))
-}
-
-/// Share of the travel by which positions may lie outside it.
-const OUTSIDE: f64 = 0.01;
-
-/// Axes whose positions leave the travel that the model states: probably it is the model of another machine.
-fn outside_travel(session: &Session, machine: &Machine) -> Vec<Note> {
-    let leaves = |a: &MachineAxis| {
-        let (unit, scale) = if a.axis.is_linear() { ("mm", 1.0) } else { ("deg", deg_from_rad(1.0)) };
-        let [low, high] = a.travel?.map(|v| scale * v);
-        let [from, to] = ideal::travel(session, a.axis)?.map(|v| scale * v);
-        let allowed = OUTSIDE * (high - low);
-        (from < low - allowed || to > high + allowed).then(|| {
-            Note::new(format!(
-                "{} runs from {from:.1} to {to:.1} {unit}, the travel of the model is {low:.1} to {high:.1} {unit}: is it the model of \
-                 this machine?",
-                a.axis.to_string().to_uppercase(),
-            ))
-        })
-    };
-    machine.axes.iter().filter_map(leaves).collect()
 }
 
 /// Progress on stderr: one line that is written over on a terminal, nothing otherwise.

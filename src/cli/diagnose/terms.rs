@@ -1,9 +1,9 @@
 //! Names, values and sentences of the diagnosis as a metrologist reads them, for the page and for the text on stdout.
 
 use crate::prelude::*;
+use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::{Effect, Kind};
 use volcomp_diagnose::report::{Cause, Value, Verdict};
-use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
 use volcomp_effects::{squareness_symbol, unit_of};
 
@@ -91,7 +91,7 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
     };
     let physical = cause.parameters.iter().filter(|(name, v)| told(name) && seen(v));
     let turns = matches!(cause.subject.as_str(), "a" | "b" | "c");
-    let in_the_middle = width_in_the_middle(found, cause);
+    let in_the_middle = found.width_in_the_middle(cause);
     physical
         .map(|(name, v)| {
             if let ("width_um", Some((place, width))) = (name.as_str(), in_the_middle) {
@@ -119,20 +119,6 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
         })
         .chain(cause.sources.iter().map(|source| format!("by {source}")))
         .collect()
-}
-
-/// Width of a backlash that changes with the position, in the middle of the data (mm, um): that at zero may lie far outside.
-fn width_in_the_middle(found: &Diagnosis, cause: &Cause) -> Option<(f64, Value)> {
-    let entry =
-        found.addition.effects.iter().find(|e| e.name == cause.effect && e.subject == cause.subject)?;
-    let at = |name: &str| entry.parameter_names.iter().position(|n| n == name);
-    let (width, slope) = (at("width_um")?, at("width_slope_um_per_m")?);
-    let [low, high] = *entry.valid.get(&format!("{}_mm", cause.subject))?;
-    let (place, metres) = (0.5 * (low + high), 0.5e-3 * (low + high));
-    let c = |i: usize, j: usize| entry.covariance[i][j];
-    let variance = c(width, width) + 2.0 * metres * c(width, slope) + metres * metres * c(slope, slope);
-    let value = entry.values[width] + metres * entry.values[slope];
-    Some((place, Value { value, std: variance.max(0.0).sqrt() }))
 }
 
 /// Words of the name of a parameter, its unit left out: `growth_x_after_2400s` is `growth x after 2400 s`.
@@ -171,36 +157,6 @@ pub(super) fn with_names(text: &str) -> String {
         }
     };
     text.split(' ').map(word).joined(" ")
-}
-
-/// Shares of the mean square of the gap that are no cause's: what is unexplained, drift and noise. With those of the causes they
-/// add up to 1.
-pub(super) struct Shares {
-    /// Neither cause nor drift nor noise.
-    pub(super) unexplained: f64,
-    /// Drift.
-    pub(super) drift: f64,
-    /// Noise.
-    pub(super) noise: f64,
-}
-
-impl Shares {
-    pub(super) fn of(budget: &Budget) -> Self {
-        let of = |rms_um: f64| rms_um.powi(2) / budget.before.rms_um.powi(2).max(1e-18);
-        Self {
-            unexplained: of(budget.unexplained_um),
-            drift: of(budget.drift_um),
-            noise: of(budget.noise_um),
-        }
-    }
-}
-
-/// Causes in the order of their shares, largest first; those without one as they come, behind.
-pub(super) fn sorted<'a>(budget: &Budget, causes: impl Iterator<Item = &'a Cause>) -> Vec<&'a Cause> {
-    let share = |c: &Cause| budget.correction(&c.label()).map_or(f64::NEG_INFINITY, |x| x.share);
-    let mut all: Vec<&Cause> = causes.collect();
-    all.sort_by(|a, b| share(b).total_cmp(&share(a)));
-    all
 }
 
 /// What volcompd does with each cause declared.
@@ -263,7 +219,9 @@ fn listed(names: &[String]) -> String {
 pub(super) fn headline(found: &Diagnosis) -> String {
     let r = &found.report;
     let repeating = |c: &&Cause| c.declared && c.kind != Kind::Stochastic;
-    let names: Vec<String> = sorted(&found.budget, r.causes.iter().filter(repeating))
+    let names: Vec<String> = found
+        .budget
+        .sorted(r.causes.iter().filter(repeating))
         .into_iter()
         .map(|c| name(&c.effect, &c.subject))
         .collect();

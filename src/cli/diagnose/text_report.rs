@@ -9,8 +9,7 @@ use volcomp_diagnose::report::Cause;
 use volcomp_diagnose::session::Session;
 
 use super::terms::{
-    Compensable, Shares, headline, name, parameters, peak_to_valley, percent, remedy, sorted, um,
-    with_uncertainty,
+    Compensable, headline, name, parameters, peak_to_valley, percent, remedy, um, with_uncertainty,
 };
 
 /// Drift below this share of the noise hides nothing.
@@ -131,8 +130,8 @@ pub(super) fn summary(
 /// Causes with size, share, probability and remedy, then what is left.
 fn table(found: &Diagnosis, compensable: &Compensable) {
     let r = &found.report;
-    let shares = Shares::of(&found.budget);
-    let declared = sorted(&found.budget, r.causes.iter().filter(|c| c.declared));
+    let shares = found.budget.shares();
+    let declared = found.budget.sorted(r.causes.iter().filter(|c| c.declared));
     let others = || r.causes.iter().filter(|c| !c.declared).take(CANDIDATES);
     if !declared.is_empty() {
         say!();

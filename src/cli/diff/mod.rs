@@ -5,7 +5,7 @@
 mod picture;
 mod text_report;
 
-use super::progress::Steps;
+use super::progress::Progress;
 use crate::prelude::*;
 use volcomp_model::compare::{Comparison, compare};
 
@@ -51,10 +51,10 @@ struct Diff {
 
 pub(super) fn run(args: &Args) -> Result<()> {
     let files = [read_model_file(&args.first)?, read_model_file(&args.second)?];
-    let steps = Steps::new();
+    let steps = Progress::of_steps();
     let found = compare(&files[0].spec, &files[1].spec, |done, of| steps.show(done, of))
         .map_err(|e| failure!(super::EX_CONFIG, "{e}"))?;
-    steps.clear();
+    steps.finish();
     let names = [&args.first, &args.second].map(|p| p.display().to_string());
     let diff = Diff { names, files, found };
     if let Some(path) = &args.svg {

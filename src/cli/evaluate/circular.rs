@@ -9,9 +9,9 @@ use super::picture::circular::{self as drawing, Shown};
 use super::{
     CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, side_by_side, values,
 };
-use crate::acceptance::{Acceptance, Assessed, Judged, Stated};
+use crate::identify::ballbar::{lines_and_samples, reading};
+use crate::positioning_data::no_rows;
 use crate::prelude::*;
-use crate::units::check_size;
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
 
@@ -90,27 +90,14 @@ impl Evaluated {
     }
 }
 
-/// The reading of a sample.
-pub(crate) const fn reading(s: &Sample) -> CircularReading {
-    CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel }
-}
-
-/// The samples of a file, which may have these columns and no others.
-pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>> {
-    let mut table = table::open(path)?;
-    let (angle, deviation, direction) =
-        (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
-    let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    table.only(known)?;
-    table.some_rows(|table| {
-        Ok(Sample {
-            angle: rad_from_deg(table.number(angle)?),
-            deviation: mm_from_um(table.number(deviation)?),
-            travel: table.travel(direction)?,
-            feed: feed.map(|c| table.number(c)).transpose()?,
-            run: run.map_or(Ok(0), |c| table.count(c))?,
-        })
-    })
+/// The samples of a file, of which there must be one; feeds as written, mm/min.
+pub(crate) fn samples(path: &Path) -> Result<Vec<Sample>> {
+    let found = lines_and_samples(path)?;
+    if found.is_empty() {
+        Err(no_rows(&table::name_of(path)))
+    } else {
+        Ok(found.into_iter().map(|f| f.1).collect())
+    }
 }
 
 fn read(
@@ -120,10 +107,9 @@ fn read(
     overshoot: Option<f64>,
     uncertainties: CircularUncertainties,
 ) -> Result<Evaluated> {
-    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
-    let samples = of_one_feed(wanted_feed, path, samples(path, &known)?)?;
-    let largest = samples.iter().map(|s| um_from_mm(s.deviation).abs()).fold(0.0, f64::max);
-    check_size(&path.display().to_string(), "deviation_um", largest, false)?;
+    let samples = of_one_feed(wanted_feed, path, samples(path)?)?;
+    let values = samples.iter().map(|s| um_from_mm(s.deviation));
+    check_size(&path.display().to_string(), "deviation_um", values, false)?;
     // a file that is not in the order of the readings says nothing about overshoot
     let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);
     let measured =

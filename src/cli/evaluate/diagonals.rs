@@ -2,16 +2,15 @@
 
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
-use super::positioning::{as_json, length, stated, table as each_direction, whole as whole_uncertainty};
+use super::positioning::{as_json, table as each_direction};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
     CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, show, side_by_side,
 };
-use crate::acceptance::{Acceptance, Assessed, Judged};
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
 use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
-use crate::units::check_size;
+use volcomp_evaluate::diagonal::about_means;
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
 };
@@ -56,8 +55,8 @@ fn read(path: &Path) -> Result<Evaluated> {
         let (target, deviation) = (r.position, um_from_mm(r.value));
         Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
     })?;
-    let largest = readings.iter().map(|(_, r)| r.deviation.abs()).fold(0.0, f64::max);
-    check_size(&path.display().to_string(), "deviation_um", largest, false)?;
+    let values = readings.iter().map(|(_, r)| r.deviation);
+    check_size(&path.display().to_string(), "deviation_um", values, false)?;
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }
@@ -85,15 +84,13 @@ fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Condition
             let worst = test.worst(get);
             let of_worst = worst.and_then(|(diagonal, _)| {
                 let (_, p) = test.diagonals.iter().find(|(d, _)| *d == diagonal)?;
-                Some(Uncertainties::of(p, conditions, length(p)))
+                Some(Uncertainties::of(p, conditions, p.length()))
             });
             let bare = key.trim_end_matches("_um");
-            let expanded = of_worst
-                .as_ref()
-                .and_then(|u| stated(u).into_iter().find(|(k, _)| *k == bare))
-                .map(|(_, u)| u);
+            let of_figure = of_worst.and_then(|u| u.figure(bare));
+            let expanded = of_figure.and_then(|of| of.measurement);
             let figure = acceptance.assess(key, name, worst.map(|(_, v)| v), expanded);
-            Assessed { compared: of_worst.as_ref().and_then(|u| whole_uncertainty(u, bare)), ..figure }
+            Assessed { compared: of_figure.map(|of| of.expanded.total()), ..figure }
         })
         .collect()
 }
@@ -171,19 +168,13 @@ fn four(test: &Evaluated, y: [f64; 2], area: &Area<'_>) -> Drawn {
     for (place, (diagonal, result)) in area.split_evenly((2, 2)).iter().zip(&test.result.diagonals) {
         let readings = of(test, *diagonal);
         let both = result.both.map_or(String::new(), |b| format!(": E {:.2}, A {:.2} µm", b.e, b.a));
-        let title = format!("{} ({}){both}", diagonal.name(), signs(*diagonal));
+        let title = format!("{} ({}){both}", diagonal.name(), diagonal.signs());
         let shown = Shown { result, readings: &readings, unit: "µm", target_unit: "mm" };
         let (head, body) = place.split_vertically(TITLE);
         words(&head, &title, (74, 12), 16)?;
         drawing::draw_deviations(&body, &shown, y, 16)?;
     }
     Ok(())
-}
-
-/// The signs of X, Y, Z.
-fn signs(diagonal: Diagonal) -> String {
-    let sign = |(c, axis): (char, char)| format!("{}{axis}", if c == 'p' { '+' } else { '-' });
-    diagonal.name().chars().zip(['X', 'Y', 'Z']).map(sign).joined(" ")
 }
 
 /// The diagonals, before and after below each other.
@@ -224,7 +215,7 @@ fn plot(test: &Evaluated, y: [f64; 2]) -> Svg {
 /// B, R, E and A of each diagonal, before and after.
 fn each(page: &mut Page, after: &Evaluated, before: Option<&Evaluated>) {
     let mut heads = vec!["diagonal".to_owned()];
-    let name = |(d, _): &(Diagonal, Positioning)| vec![format!("{} ({})", d.name(), signs(*d))];
+    let name = |(d, _): &(Diagonal, Positioning)| vec![format!("{} ({})", d.name(), d.signs())];
     let mut rows: Vec<Vec<String>> = after.result.diagonals.iter().map(name).collect();
     for (name, test) in [("before ", before), (if before.is_some() { "after " } else { "" }, Some(after))] {
         let Some(test) = test else { continue };
@@ -239,20 +230,15 @@ fn each(page: &mut Page, after: &Evaluated, before: Option<&Evaluated>) {
 }
 
 /// The test with each diagonal about its mean: the zero of the interferometer belongs to its set-up.
-fn about_means(path: &Path, test: Evaluated) -> Result<Evaluated> {
-    let about = |(d, r): &(Diagonal, PositioningReading)| {
-        let own = of(&test, *d);
-        let mean = own.iter().map(|r| r.deviation).sum::<f64>() / own.len().max(1) as f64;
-        (*d, PositioningReading { deviation: r.deviation - mean, ..*r })
-    };
-    let readings: Vec<_> = test.readings.iter().map(about).collect();
+fn centred(path: &Path, test: &Evaluated) -> Result<Evaluated> {
+    let readings = about_means(&test.readings);
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }
 
 /// Two tests for `volcomp verify`.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared> {
-    let read = |path: &Path| about_means(path, read(path)?);
+    let read = |path: &Path| centred(path, &read(path)?);
     let [before, after] = [read(files[0])?, read(files[1])?];
     let scales = [scale(&after, Some(&before)), scale(&after, None)];
     let plots = before_and_after([&before, &after], scales, plot)?;

@@ -3,10 +3,10 @@
 use super::page;
 use super::picture::gear::{self as drawing, Panel};
 use super::{Output, change, percent, show};
-use crate::acceptance::{Acceptance, Judged};
 use crate::prelude::*;
 use volcomp_evaluate::gear::{
-    CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, flanks, tolerance_um,
+    CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, class_of, flanks,
+    tolerance_um,
 };
 
 /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes
@@ -47,20 +47,9 @@ pub(crate) struct Args {
     output: Output,
 }
 
-/// Directions with their names in files and the letter of their symbols.
-const DIRECTIONS: [(Direction, &str, &str); 2] =
-    [(Direction::Profile, "profile", "alpha"), (Direction::Helix, "lead", "beta")];
-const FLANKS: [(Flank, &str); 2] = [(Flank::Left, "left"), (Flank::Right, "right")];
 /// Quantities: beginning of the key, beginning of the symbol.
 const QUANTITIES: [(Quantity, &str, &str); 3] =
     [(Quantity::Total, "f", "F"), (Quantity::Form, "ff", "f_f"), (Quantity::Slope, "fh", "f_H")];
-
-/// Names of direction, letter of the symbols and flank.
-fn names(f: &OfFlank) -> (&'static str, &'static str, &'static str) {
-    let (_, direction, letter) = DIRECTIONS[usize::from(f.direction == Direction::Helix)];
-    let (_, flank) = FLANKS[usize::from(f.flank == Flank::Right)];
-    (direction, letter, flank)
-}
 
 fn gear(args: &Args) -> Result<Gear> {
     let gear = Gear {
@@ -85,20 +74,14 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>> {
     table.only(&["direction", "flank", "tooth", "pass", "position_mm", "deviation_um"])?;
     let readings = table.some_rows(|table| {
         let (word, side) = (table.word(direction), table.word(flank));
-        let along = DIRECTIONS
-            .iter()
-            .find(|d| d.1 == word)
+        let along = Direction::ALL.into_iter().find(|d| d.name() == word);
+        let along = along
             .ok_or_else(|| table.fail(direction, format_args!("'{word}' is neither profile nor lead")))?;
-        let of = FLANKS
-            .iter()
-            .find(|f| f.1 == side)
-            .ok_or_else(|| table.fail(flank, format_args!("'{side}' is neither left nor right")))?;
-        Ok((along.0, of.0, table.count(tooth)?, table.number(position)?, table.number(deviation)?))
+        let of = Flank::ALL.into_iter().find(|f| f.name() == side);
+        let of = of.ok_or_else(|| table.fail(flank, format_args!("'{side}' is neither left nor right")))?;
+        Ok((along, of, table.count(tooth)?, table.number(position)?, table.number(deviation)?))
     })?;
-    flanks(gear, &readings).map_err(|(direction, e)| {
-        let name = DIRECTIONS[usize::from(direction == Direction::Helix)].1;
-        data!(path, "{name}: {e}")
-    })
+    flanks(gear, &readings).map_err(|(direction, e)| data!(path, "{}: {e}", direction.name()))
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -125,9 +108,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
             let file = args.output.data(&args.data).display();
             say!("ISO 1328-1 of {file}: {traces} traces, means over the teeth");
             table.print();
-            for (direction, name, _) in DIRECTIONS {
+            for direction in Direction::ALL {
                 if let Some(class) = class_of(&gear, &after, direction) {
-                    say!("{name} class {}", class_text(class));
+                    say!("{} class {}", direction.name(), class_text(class));
                 }
             }
         },
@@ -135,9 +118,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 fn panel(gear: &Gear, of: &OfFlank) -> Panel {
-    let (direction, _, flank) = names(of);
     Panel {
-        name: format!("{direction}, {flank} flank"),
+        name: format!("{}, {} flank", of.direction.name(), of.flank.name()),
         position: match of.direction {
             Direction::Profile => "roll length / mm",
             Direction::Helix => "face width / mm",
@@ -159,7 +141,7 @@ struct Line {
 
 fn lines(gear: &Gear, flanks: &[OfFlank]) -> Vec<Line> {
     let of_flank = |f: &OfFlank| {
-        let (_, letter, flank) = names(f);
+        let (letter, flank) = (f.direction.letter(), f.flank.name());
         QUANTITIES.map(|(q, key, symbol)| {
             let class = class(gear, f.direction, q, f.mean.of(q));
             Line {
@@ -179,18 +161,11 @@ fn lines(gear: &Gear, flanks: &[OfFlank]) -> Vec<Line> {
     flanks.iter().flat_map(of_flank).collect()
 }
 
-/// The class of a direction over both flanks; `Some(None)` beyond the last one, `None` where it was not measured.
-fn class_of(gear: &Gear, flanks: &[OfFlank], direction: Direction) -> Option<Option<u8>> {
-    let mut measured = flanks.iter().filter(|f| f.direction == direction).peekable();
-    measured.peek()?;
-    Some(measured.try_fold(0, |worst, f| Some(worst.max(f.class(gear)?))))
-}
-
 fn as_json(gear: &Gear, flanks: &[OfFlank]) -> Map<String, Value> {
     let mut out = Map::new();
-    for (direction, name, _) in DIRECTIONS {
+    for direction in Direction::ALL {
         if let Some(class) = class_of(gear, flanks, direction) {
-            out.insert(format!("{name}_class"), json!(class));
+            out.insert(format!("{}_class", direction.name()), json!(class));
         }
     }
     for line in lines(gear, flanks) {
@@ -198,9 +173,8 @@ fn as_json(gear: &Gear, flanks: &[OfFlank]) -> Map<String, Value> {
         out.insert(line.key, json!(line.value_um));
     }
     let trace = |f: &OfFlank, (t, d): &(GearTrace, Deviations)| {
-        let (direction, _, flank) = names(f);
         json!({
-            "direction": direction, "flank": flank, "tooth": t.tooth,
+            "direction": f.direction.name(), "flank": f.flank.name(), "tooth": t.tooth,
             "total_um": d.total_um, "form_um": d.form_um, "slope_um": d.slope_um,
         })
     };

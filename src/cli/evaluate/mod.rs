@@ -12,8 +12,7 @@ mod plate;
 mod positioning;
 mod uncertainty_args;
 
-use super::acceptance::{Assessed, HeadArgs, Judged};
-use crate::acceptance::{Acceptance, Stated};
+use super::acceptance::HeadArgs;
 use crate::prelude::*;
 use crate::report::plot::Svg;
 use page::Origin;

@@ -2,7 +2,7 @@
 //! table of figures before and after with tolerance and verdict.
 
 use super::{changed, show};
-use crate::acceptance::{Assessed, Judged, RULE, file_name, sign, summary};
+use crate::acceptance::{RULE, sign, summary};
 use crate::prelude::*;
 
 /// Where the data of a report came from.

@@ -5,8 +5,6 @@ use std::io::Cursor;
 use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
-use crate::acceptance::{Acceptance, Judged};
-use crate::positioning_data::format_failure;
 use crate::prelude::*;
 use crate::table::Table as Csv;
 use volcomp_evaluate::plate::Estimate;

@@ -6,12 +6,11 @@ use super::uncertainty_args::UncertaintyArgs;
 use super::{
     CompareOptions, Compared, Figures, Output, assess, before_and_after, is_flat, show, side_by_side, values,
 };
-use crate::acceptance::{Acceptance, Assessed, Judged, NOT_STATED, Stated};
+use crate::acceptance::NOT_STATED;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::prelude::*;
-use crate::start_up::{StartUp, in_report_units, words};
-use crate::units::check_size;
-use volcomp_evaluate::uncertainty::Expanded;
+use crate::start_up::{self, StartUp, in_report_units, words};
+use volcomp_evaluate::uncertainty::OfFigure;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
@@ -84,7 +83,7 @@ fn read(
         note!("note: {}: {}; ISO 230-2 asks for 5", path.display(), counted(result.cycles, "cycle"));
     }
     let conditions = uncertainty.conditions(test.kind)?;
-    let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
+    let uncertainties = Uncertainties::of(&result, &conditions, result.length());
     check_unit(path, test.kind, &readings)?;
     uncertainty_note(path, &result, &uncertainties);
     let start_up = StartUp::of(&test);
@@ -96,25 +95,20 @@ fn read(
 
 /// Looks at the unit of the deviations.
 fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<()> {
-    let largest = readings.iter().map(|r| r.deviation.abs()).fold(0.0, f64::max);
+    let values = readings.iter().map(|r| r.deviation);
     let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
-    check_size(&path.display().to_string(), column, largest, kind == AxisKind::Rotary)
+    check_size(&path.display().to_string(), column, values, kind == AxisKind::Rotary)
 }
 
 /// States that the uncertainty leaves nothing of the result.
 fn uncertainty_note(path: &Path, result: &Positioning, u: &Uncertainties) {
-    let of_a = stated(u).into_iter().find(|(key, _)| *key == "a").map(|(_, u)| u);
+    let of_a = u.figure("a").and_then(|of| of.measurement);
     if let Some((u, a)) = of_a.zip(result.both.map(|b| b.a)).filter(|(u, a)| u > a) {
         note!(
             "note: {}: the uncertainty of A, {u:.2}, is larger than A itself, {a:.2}: check the values of --u-device-um, .. (k = 2)",
             path.display()
         );
     }
-}
-
-/// Range of the targets.
-pub(super) fn length(test: &Positioning) -> f64 {
-    test.targets.first().zip(test.targets.last()).map_or(0.0, |(a, b)| b.target - a.target)
 }
 
 /// Keys of the figures that may have a tolerance, linear and rotary.
@@ -124,30 +118,13 @@ fn keys() -> Vec<String> {
 
 /// The figures of a test with tolerances and stated uncertainties.
 fn assessed(acceptance: &Acceptance, test: &Evaluated) -> Vec<Assessed> {
-    let stated = stated(&test.uncertainties);
-    let expanded = |key: &str| stated.iter().find(|(k, _)| *k == key).map(|(_, u)| *u);
     let unit = format!("_{}", test.units().0);
-    let mut figures = assess(FIGURES, &test.result, acceptance, &unit, expanded);
+    let u = &test.uncertainties;
+    let mut figures = assess(FIGURES, &test.result, acceptance, &unit, |key| u.figure(key)?.measurement);
     for f in &mut figures {
-        f.compared = whole(&test.uncertainties, f.key.trim_end_matches(&unit));
+        f.compared = u.figure(f.key.trim_end_matches(&unit)).map(|of| of.expanded.total());
     }
     figures
-}
-
-/// Expanded uncertainties of the measurement by the keys of the figures; none where nothing was stated.
-pub(super) fn stated(u: &Uncertainties) -> Vec<(&'static str, f64)> {
-    uncertain(u).into_iter().filter_map(|(key, _, e)| measured(u, key, &e).map(|u| (key, u))).collect()
-}
-
-/// The expanded uncertainty of the measurement. Reversal and repeatability compare readings at one place: only drift belongs to
-/// them, and without it theirs is not stated.
-fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
-    let is_stated = if key.starts_with(['b', 'r']) {
-        u.contributions.iter().any(|c| c.name == "drift")
-    } else {
-        !u.contributions.is_empty()
-    };
-    is_stated.then_some(e.measurement)
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -219,38 +196,18 @@ pub(super) fn as_json(p: &Positioning, unit: &str) -> Map<String, Value> {
     map
 }
 
-/// Figures with an uncertainty, in the order of [`Uncertainties`].
-fn uncertain(u: &Uncertainties) -> Vec<(&'static str, &'static str, Expanded)> {
-    let mut out = Vec::new();
-    let names = [("b", "B"), ("r", "R"), ("e", "E"), ("m", "M"), ("a", "A")];
-    out.extend(u.both.into_iter().flat_map(|b| names.into_iter().zip(b).map(|((k, n), e)| (k, n, e))));
-    for (side, keys) in [
-        (u.forward, [("e_fwd", "E, forward"), ("a_fwd", "A, forward"), ("r_fwd", "R, forward")]),
-        (u.backward, [("e_bwd", "E, backward"), ("a_bwd", "A, backward"), ("r_bwd", "R, backward")]),
-    ] {
-        out.extend(side.into_iter().flat_map(|s| keys.into_iter().zip(s).map(|((k, n), e)| (k, n, e))));
-    }
-    out
-}
-
-/// The expanded uncertainty (k = 2) of a figure, of the measurement and of few runs together.
-pub(super) fn whole(u: &Uncertainties, key: &str) -> Option<f64> {
-    let (.., e) = uncertain(u).into_iter().find(|(k, ..)| *k == key)?;
-    Some(e.total())
-}
-
 fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str) {
-    let of = |(key, _, e): (&str, _, Expanded)| {
+    let of = |OfFigure { key, expanded: e, measurement, .. }: OfFigure| {
         let figure = out.get(&format!("{key}_{unit}")).and_then(Value::as_f64);
         let value = json!({
-            format!("measurement_{unit}"): measured(u, key, &e),
+            format!("measurement_{unit}"): measurement,
             format!("sampling_{unit}"): e.sampling,
             format!("sampling_bias_{unit}"): e.bias,
             format!("interval_{unit}"): figure.map(|f| e.interval(f)),
         });
         (key.to_owned(), value)
     };
-    let all = uncertain(u).into_iter().map(of).collect();
+    let all = u.figures().map(of).collect();
     out.insert("expanded_uncertainty_k2".to_owned(), Value::Object(all));
     let contributions = u.contributions.iter().map(|c| json!({"name": c.name, format!("std_{unit}"): c.std}));
     out.insert("contributions".to_owned(), contributions.collect());
@@ -275,18 +232,8 @@ pub(super) fn table(p: &Positioning, unit: &str) -> Table {
 /// The start-up outliers and the figures without them.
 fn put_start_up(out: &mut Map<String, Value>, test: &Evaluated, unit: &str) {
     let Some(start_up) = &test.start_up else { return };
-    let target = if test.kind == AxisKind::Linear { "target_mm" } else { "target_deg" };
-    let marked = start_up.marked.iter().map(|m| {
-        json!({
-            "line": m.line,
-            target: m.target,
-            "direction": if m.travel == Travel::Forward { 1 } else { -1 },
-            "cycle": m.cycle,
-            format!("deviation_{unit}"): m.deviation,
-            format!("apart_{unit}"): m.apart,
-            format!("limit_{unit}"): m.limit,
-        })
-    });
+    let units = (test.kind.position_unit(), unit);
+    let marked = start_up.marked.iter().map(|m| start_up::as_json(m, units));
     out.insert("start_up_outliers".to_owned(), marked.collect());
     let without = start_up.without.as_ref().map(|p| as_json(p, unit));
     out.insert("without_start_up_outliers".to_owned(), json!(without));
@@ -318,8 +265,8 @@ fn outliers_in_words(start_up: &StartUp) -> String {
 
 /// The expanded uncertainties of the figures: of the measurement and from few runs.
 fn uncertainties(p: &Positioning, u: &Uncertainties, unit: &str) -> Table {
-    let rows = uncertain(u).into_iter().map(|(key, name, e)| {
-        let measurement = measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
+    let rows = u.figures().map(|OfFigure { key, name, expanded: e, measurement }| {
+        let measurement = measurement.map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
         let figure = FIGURES.iter().find(|(k, ..)| *k == key).and_then(|(.., get)| get(p));
         let interval = figure.map_or_else(String::new, |figure| {
             let [low, high] = e.interval(figure);
@@ -445,7 +392,7 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     let [mut before, mut after] = [read(files[0])?, read(files[1])?];
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     for test in [&mut before, &mut after] {
-        test.uncertainties = Uncertainties::of(&test.result, &conditions, length(&test.result));
+        test.uncertainties = Uncertainties::of(&test.result, &conditions, test.result.length());
     }
     if before.kind != after.kind {
         return Err(data!(files[1], "one of the two tests is linear, the other rotary"));

@@ -19,13 +19,7 @@ use volcomp_protocol::record::{EXTENSION, block};
 /// what the daemon did: offsets asked and applied, state, limits, lag. deviation_um stays empty: a recording knows
 /// positions, it measures no deviation.
 #[derive(Debug, Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp export model.toml --format isg --sense relative --out vc.csv\n  \
-    volcomp export model.toml --format linuxcnc --axis x --comp-type 1 --out x.comp\n  \
-    volcomp export model.toml --format csv --axis x --step 10 --out x.csv\n  \
-    volcomp export monday-*.vcrec --format parquet --out monday.parquet\n  \
-    volcomp export monday-000.vcrec --format csv --from-s 60 --to-s 120 --every 10 --out minute.csv\n\
-    \nTables of controls, their signs and what they cannot hold: docs/reference/formats.md; columns of recordings: docs/reference/recording.md")]
+#[command(after_help = include_str!("help.txt"))]
 pub(super) struct Args {
     /// A model file, or recordings.
     #[arg(value_name = "FILE", required = true)]

@@ -15,10 +15,7 @@ use volcomp_units::NS_PER_S;
 
 subcommands! {
     /// Live estimation: what was learned from sensors, with its uncertainty.
-    #[command(after_help = "Examples:\n  volcomp filter show --config machine.toml\n  \
-                            volcomp filter show --json > filter.json\n  volcomp filter show --svg filter.svg\n  \
-                            volcomp filter show --recording run.vcrec --svg run.svg\n  \
-                            volcomp filter forget ram --reason \"tracker was set up anew\"")]
+    #[command(after_help = include_str!("help.txt"))]
     pub(super) enum What {
         /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
         Show(ShowArgs) => show,

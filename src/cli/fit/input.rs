@@ -6,7 +6,7 @@ use crate::identify::Columns;
 use crate::identify::columns::hint;
 use crate::positioning_data::{Cycles, instrument_test, is_instrument, parse_csv, parse_dat};
 use crate::prelude::*;
-use crate::table::{STDIN, Table};
+use crate::table::Table;
 use crate::units;
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_identify::start_up::{StartUpOutlier, start_up_outliers};
@@ -120,7 +120,7 @@ pub(crate) fn read(
     into: &mut BySymbol,
 ) -> Result<()> {
     let io = |e: &std::io::Error| Failure::io(path, e);
-    let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
+    let file = table::name_of(path);
     let mut source = input::open(path, InputKind::Table)?.buffered();
     let mut head = Vec::new();
     (&mut source).take(HEAD).read_to_end(&mut head).map_err(|e| io(&e))?;

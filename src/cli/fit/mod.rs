@@ -11,10 +11,9 @@ mod thermal;
 use clap::{Parser, Subcommand};
 
 use self::basis::Auto;
-use self::input::{BySymbol, Direction, Format, Measured, read};
+use self::input::{BySymbol, Direction, Format, read};
 use self::picture::PictureArgs;
 use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, print_notes, table};
-use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use super::positioning_data::Cycles;
 use crate::prelude::*;
 use volcomp_identify::curve::{self, Basis, Drift, Period, Request, Reversal, Smoothing};
@@ -208,10 +207,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let mut fitted = Vec::with_capacity(by_symbol.len());
     for (symbol, measured) in by_symbol {
         let request = args.request(symbol.axis().kind())?;
-        let rotary = symbol.axis().kind() == AxisKind::Rotary;
-        let fit = curve::fit(&measured.readings, &request)
-            .map_err(|e| if rotary { e.in_degrees() } else { e })
-            .map_err(|e| data_error(&args.errors, format_args!("{symbol}: {e}")))?;
+        let fit = curve::fit(&measured.readings, &request).map_err(|e| {
+            data_error(&args.errors, format_args!("{symbol}: {}", e.in_units_of(symbol.axis().kind())))
+        })?;
         fitted.push(Fitted::new(symbol, measured, fit));
     }
     let sources = Sources::of(&args.errors);
@@ -245,26 +243,15 @@ fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// The distinct positions; `None` where there are so many that they hide nothing.
-fn few_positions(measured: &Measured) -> Option<Vec<f64>> {
-    /// Targets of a positioning test are far fewer.
-    const TARGETS_MAX: usize = 1 << 16;
-    let mut seen = std::collections::HashSet::new();
-    for reading in &measured.readings {
-        if seen.insert(reading.position.to_bits()) && seen.len() > TARGETS_MAX {
-            return None;
-        }
-    }
-    Some(seen.into_iter().map(f64::from_bits).collect())
-}
-
 impl Args {
     /// The travel of an axis in the coordinate of the data, where it is stated.
     fn travel_of(&self, axis: AxisName, base: Option<&ModelFile>) -> Option<[f64; 2]> {
-        let given =
-            self.travel.iter().rev().find(|(name, _)| *name == axis).map(|(_, range)| {
-                if axis.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range }
-            });
+        let given = self
+            .travel
+            .iter()
+            .rev()
+            .find(|(name, _)| *name == axis)
+            .map(|(_, range)| range.map(|v| axis.kind().position_in(v)));
         let spec = base.map(|file| &file.spec);
         let [low, high] = given.or_else(|| spec?.axis(axis).travel)?;
         let is_mirrored = spec.is_some_and(|s| s.is_mirrored(axis));
@@ -280,7 +267,7 @@ impl Args {
                 continue;
             }
             seen.push(axis);
-            let Some(positions) = few_positions(measured) else { continue };
+            let Some(positions) = curve::few_positions(&measured.readings) else { continue };
             if let Some(text) = hidden_text(&curve::hidden(&positions, &self.screw_pitch_mm)) {
                 note!("note: {axis}: {text}");
             }
@@ -353,14 +340,13 @@ impl Args {
         for f in fitted {
             let name = |i: usize| self.errors[i].display().to_string();
             let from = sources.only(|i| f.measured.is_from(&name(i))).provenance();
-            put(&mut model, f.symbol, f.fit.function(), from);
+            model.put(f.symbol, f.fit.function(), from);
         }
         for (symbol, value) in &self.squareness {
-            put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)), Provenance::default());
+            model.put(*symbol, ErrorFunction::single(Curve::Constant(*value)), Provenance::default());
         }
         for (name, range) in &self.travel {
-            let range = if name.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range };
-            axis_entry(&mut model.spec, *name).travel = Some(range);
+            model.spec.axis_mut(*name).travel = Some(range.map(|v| name.kind().position_in(v)));
         }
         for f in fitted {
             let axis = model.spec.axis(f.symbol.axis());
@@ -371,7 +357,7 @@ impl Args {
                     axis.name
                 );
             }
-            axis_entry(&mut model.spec, axis.name);
+            model.spec.axis_mut(axis.name);
         }
         let rotary = fitted.iter().filter(|f| f.symbol.axis().kind() == AxisKind::Rotary);
         for symbol in rotary.map(|f| f.symbol) {

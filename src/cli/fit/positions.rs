@@ -4,7 +4,6 @@ use super::Result;
 use super::input::{BySymbol, Measured};
 use super::report::Fitted;
 use crate::prelude::*;
-use crate::units::{check_size, column};
 use volcomp_model::ModelError;
 
 /// Widest gap between neighbouring positions, in ranges of all others.
@@ -79,11 +78,9 @@ fn check_gap(measured: &Measured, unit: &Unit) -> Result<()> {
     let position = unit.show(measured.readings[reading].position);
     let [low, high] = [others[0], others[others.len() - 1]].map(|v| unit.show(v));
     let name = unit.name;
-    Err(Failure::data(
+    Err(data!(
         place(measured, reading),
-        format_args!(
-            "position {position} {name} lies far from all others, {low} to {high} {name}; correct it or remove the row"
-        ),
+        "position {position} {name} lies far from all others, {low} to {high} {name}; correct it or remove the row"
     ))
 }
 
@@ -118,8 +115,7 @@ fn metres(measured: &Measured, axis: AxisName) -> Option<String> {
 fn check_sizes(symbol: ErrorSymbol, measured: &Measured) -> Result<()> {
     let of_value = Units::of(symbol).of_value;
     for (file, readings) in measured.by_file() {
-        let largest = readings.iter().map(|r| of_value(r.value).abs()).fold(0.0, f64::max);
-        check_size(file, &column(symbol), largest, symbol.is_angle())?;
+        check_size(file, &column(symbol), readings.iter().map(|r| of_value(r.value)), symbol.is_angle())?;
     }
     Ok(())
 }

@@ -2,7 +2,6 @@
 
 use super::input::Measured;
 use super::start_up;
-use crate::model_writer::Sources;
 use crate::prelude::*;
 use volcomp_identify::curve::{Basis, Course, CurveFit, CycleDrift, Figures, Hidden, Note, Outlier};
 

@@ -2,7 +2,7 @@
 
 use super::report::Fitted;
 use crate::prelude::*;
-use crate::start_up::{Marked, words_in};
+use crate::start_up::{self, Marked, words_in};
 use volcomp_identify::start_up::StartUpOutlier;
 
 /// The start-up outliers that the fit keeps, with their file, in the units of the report.
@@ -52,16 +52,10 @@ pub(super) fn print(f: &Fitted) {
 pub(super) fn as_json(f: &Fitted) -> Vec<Value> {
     let Units { value, position, .. } = Units::of(f.symbol);
     let one = |(file, m): (&str, Marked)| {
-        json!({
-            "file": file,
-            "line": (m.line > 0).then_some(m.line),
-            format!("target_{position}"): m.target,
-            "direction": if m.travel == Travel::Forward { 1 } else { -1 },
-            "cycle": m.cycle,
-            format!("deviation_{value}"): m.deviation,
-            format!("apart_{value}"): m.apart,
-            format!("limit_{value}"): m.limit,
-        })
+        let mut json = start_up::as_json(&m, (position, value));
+        json["file"] = json!(file);
+        json["line"] = json!((m.line > 0).then_some(m.line));
+        json
     };
     kept(f).into_iter().map(one).collect()
 }

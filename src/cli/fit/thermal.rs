@@ -4,7 +4,6 @@ use plotters::prelude::*;
 
 use super::picture::PictureArgs;
 use crate::identify::{Column, Columns, columns};
-use crate::model_writer::{ModelWriter, Sources};
 use crate::prelude::*;
 use crate::report::plot::{self, Axes, Key};
 use volcomp_estimate::Quantity;
@@ -18,11 +17,7 @@ use volcomp_model::curve::Live;
 /// the last part of the recording is kept back and forecast, so the figures say what to expect tomorrow, not how well
 /// yesterday can be explained.
 #[derive(Debug, clap::Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
-    volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \
-    --symbol ezz --limit-um 80 --into model.toml --html spindle.html\n\n\
-    The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/how-to/thermal.md).")]
+#[command(after_help = include_str!("thermal.txt"))]
 pub(super) struct Args {
     /// The recording: CSV with a header. - is stdin.
     file: PathBuf,
@@ -173,15 +168,9 @@ fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<()> {
     model.thermal.push(found.thermal.clone());
     if let (Some(symbol), Some(limit_um)) = (args.symbol, args.limit_um) {
         let live = Live { sensor: name.to_owned(), limit: mm_from_um(limit_um), reference: None };
-        let errors = &mut model.spec.errors;
-        if !errors.iter().any(|(s, _)| *s == symbol) {
-            errors.push((symbol, volcomp_model::ErrorFunction::default()));
-            errors.sort_by_key(|(symbol, _)| *symbol);
-        }
-        for (_, function) in errors.iter_mut().filter(|(s, _)| *s == symbol) {
-            function.live.retain(|l| l.sensor != name);
-            function.live.push(live.clone());
-        }
+        let function = model.spec.error_mut(symbol);
+        function.live.retain(|l| l.sensor != name);
+        function.live.push(live);
     }
     let mut comment = vec![format!("thermal {name} written by volcomp fit thermal")];
     comment.extend(sources.comments());

@@ -3,9 +3,7 @@
 
 use serde::de::DeserializeOwned;
 
-use crate::identify::{Found, Front, printed};
-use crate::model_writer::ModelWriter;
-use crate::prelude::*;
+use crate::identify::prelude::*;
 
 /// Where a case comes from and how the result is printed, the same for every method.
 #[derive(Debug, clap::Args)]

@@ -105,6 +105,11 @@ impl Columns {
         }
     }
 
+    /// Refuses columns that were not asked for, and names those that were.
+    pub(crate) fn only_known(&self) -> Result<()> {
+        self.only(|_| format!("columns are {}", self.known.join(", ")))
+    }
+
     /// A number of the current row, mm or rad.
     pub(crate) fn value(&self, column: Column) -> Result<f64> {
         self.number(column).map(column.to_inner)

@@ -2,7 +2,6 @@
 
 use crate::fit::basis::Auto;
 use crate::fit::report::{Fitted, print_notes, table};
-use crate::model_writer::{ModelWriter, Sources, data_error, put};
 use crate::prelude::*;
 use volcomp_identify::curve::{self, Basis, CurveFit, Request};
 
@@ -31,7 +30,7 @@ impl<'a> CurveFits<'a> {
         let fit = curve::fit(&readings, &Request { basis, ..Request::default() })
             .map_err(|e| data_error(self.files, format_args!("{symbol}: {e}")))?;
         let function = ErrorFunction { std: std(&fit), ..ErrorFunction::single(fit.curve.clone()) };
-        put(&mut self.model, symbol, function, from);
+        self.model.put(symbol, function, from);
         self.fitted.push(Fitted::new(symbol, readings.into(), fit));
         Ok(())
     }

@@ -1,13 +1,11 @@
 //! `volcomp identify fits`: a curve through x and y, in the units of the file, with every figure.
 
 use clap::ValueEnum;
-use serde::Deserialize;
 
 use crate::fit::AutoOr;
-use crate::identify::{CaseArgs, CaseFile, Found, Front, Method, printed};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::curve::monomial::polynomial;
-use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
+use volcomp_identify::curve::{Basis, Figures, Orders, Period, Request, fit};
 
 /// Error curves through plain numbers.
 ///
@@ -127,11 +125,8 @@ impl Args {
     fn read_table(&self, path: &Path) -> Result<Case> {
         let mut table = table::open(path)?;
         let (cx, cy) = (table.require(&self.x)?, table.require(&self.y)?);
-        let (mut x, mut y) = (Vec::new(), Vec::new());
-        while table.advance()? {
-            x.push(table.number(cx)?);
-            y.push(table.number(cy)?);
-        }
+        let points = table.rows(|row| Ok((row.number(cx)?, row.number(cy)?)))?;
+        let (x, y) = points.into_iter().unzip();
         Ok(Case {
             basis: self.basis,
             x,
@@ -217,12 +212,13 @@ fn powers(case: &Case) -> Result<Value, String> {
 /// A curve of the model's families.
 fn curve(case: &Case) -> Result<Value, String> {
     let (readings, mut request) = (case.readings(), case.request());
-    let table = if request.order.is_none() { Some(orders(&readings, &request)?) } else { None };
-    request.order = request.order.or(table.as_ref().map(|(_, best)| *best));
+    let orders = request.order.is_none().then(|| Orders::of(&readings, &request, TABLE_ORDER)).transpose()?;
+    request.order = request.order.or(orders.as_ref().map(|orders| orders.best));
     let found = fit(&readings, &request).map_err(|e| e.to_string())?;
     let mut json = figures(&found.figures);
-    if let Some((table, best)) = table {
-        json["aicc_table"] = table;
+    if let Some(Orders { tried, best }) = orders {
+        let one = |(order, f): &(usize, Figures)| json!({"order": order, "sse": f.sse, "aicc": f.aicc});
+        json["aicc_table"] = tried.iter().map(one).collect();
         json["best_order"] = json!(best);
     }
     json["basis"] = json!(found.basis.name());
@@ -256,34 +252,6 @@ fn curve(case: &Case) -> Result<Value, String> {
     let at = EVALUATED.map(|share| low + share * (high - low));
     json["eval"] = json!(at.map(|x| [x, found.value(x, Travel::Forward)]));
     Ok(json)
-}
-
-/// SSE and AICc of every order, and the order of lowest AICc.
-fn orders(readings: &[Reading], request: &Request) -> Result<(Value, usize), String> {
-    let basis = request.basis.unwrap_or(Basis::Chebyshev);
-    let mut positions: Vec<f64> = readings.iter().map(|r| r.position).collect();
-    positions.sort_by(f64::total_cmp);
-    positions.dedup();
-    let (mut table, mut best, mut problem) = (Vec::new(), None, None);
-    for order in usize::from(basis == Basis::Fourier)..=highest_order(basis, positions.len()).min(TABLE_ORDER)
-    {
-        match fit(readings, &Request { order: Some(order), ..request.clone() }) {
-            Ok(CurveFit { figures, .. }) => {
-                table.push(json!({"order": order, "sse": figures.sse, "aicc": figures.aicc}));
-                if let Some(aicc) = figures.aicc
-                    && best.is_none_or(|(_, lowest)| aicc < lowest)
-                {
-                    best = Some((order, aicc));
-                }
-            }
-            Err(e) => {
-                problem = Some(e.to_string());
-                break;
-            }
-        }
-    }
-    let too_few = || "too few points for an order; give one".to_owned();
-    best.map(|(order, _)| (table.into(), order)).ok_or_else(|| problem.unwrap_or_else(too_few))
 }
 
 fn figures(f: &Figures) -> Value {

@@ -1,9 +1,7 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
 use super::columns::{self, hint};
-use crate::identify::{Column, Found, Front, Method};
-use crate::model_writer::{ModelWriter, Sources, put};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::grinder::{
     Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
 };
@@ -326,8 +324,8 @@ impl Found for Outcome<'_> {
             let from = sources.only(|i| i == step).provenance();
             let locations = found.locations.iter().map(|(s, ..)| *s);
             for symbol in found.motions.iter().map(|m| m.symbol).chain(locations) {
-                if let Some((_, function)) = chain.spec().errors.iter().find(|(s, _)| *s == symbol) {
-                    put(&mut file, symbol, function.clone(), from.clone());
+                if let Some(function) = chain.spec().error(symbol) {
+                    file.put(symbol, function.clone(), from.clone());
                 }
             }
             // what the model held of this axis before was replaced

@@ -1,15 +1,10 @@
 //! `volcomp identify kalman`: the filter on node values, on a case or on a recording.
 
-use serde::Deserialize;
-
-use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
-use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
-use crate::prelude::*;
-use volcomp_estimate::filter::COMPONENTS_MAX;
+use crate::identify::prelude::*;
+use volcomp_estimate::filter::{Run, Sample};
 use volcomp_estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Update, Verdict,
 };
-use volcomp_model::curve::{CurveError, Grid};
 
 /// Kalman filter on the node values of a grid of hexahedral cells.
 ///
@@ -123,12 +118,6 @@ impl Method for Args {
     }
 }
 
-fn observation(grid: &NodeGrid, at: [f64; 3], value: f64) -> Observation {
-    let mut weights = [0.0; COMPONENTS_MAX];
-    weights[0] = 1.0;
-    Observation { place: grid.place(at), weights, value, nuisance: None }
-}
-
 fn of_case(case: &Case) -> Result<Box<dyn Found>, String> {
     let CaseGrid { x, y, z } = &case.grid;
     let grid = NodeGrid::new(x.clone(), y.clone(), z.clone()).map_err(|e| e.to_string())?;
@@ -144,7 +133,7 @@ fn of_case(case: &Case) -> Result<Box<dyn Found>, String> {
         .map_err(|e| e.to_string())?;
     let update = |o: &CaseObservation| {
         filter.predict(1.0);
-        filter.update(&observation(&grid, o.position, o.value), &mut noise)
+        filter.update(&Observation::alone(grid.place(o.position), o.value), &mut noise)
     };
     let updates: Vec<Update> = case.observations.iter().map(update).collect();
     let accepted: Vec<&Update> = updates.iter().filter(|u| u.verdict == Verdict::Accepted).collect();
@@ -220,18 +209,6 @@ struct Outcome<'a> {
     run: Run,
 }
 
-/// What the filter made of the rows.
-#[derive(Default)]
-struct Run {
-    readings: usize,
-    rejected: usize,
-    alarm: bool,
-    mean_ratio: f64,
-    before: f64,
-    after: f64,
-    outside: usize,
-}
-
 impl<'a> Outcome<'a> {
     fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
         let axes: [AxisName; 3] = args
@@ -268,9 +245,12 @@ impl<'a> Outcome<'a> {
         )
         .map_err(Failure::usage)?;
         let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
-        let run = Run::of(&mut table, &columns, &grid, (&mut filter, &mut noise), offline_at)?;
-        let function =
-            with_grid(before, &axes, &grid, &filter).map_err(|e| data!(symbol.to_string(), "{e}"))?;
+        let run = filter.run(&mut noise, &grid, &read(&mut table, &columns, offline_at)?);
+        if run.readings == run.rejected {
+            let what = "no reading was accepted; check --sigma and --noise, and the units";
+            return Err(table.file_error(what));
+        }
+        let function = filter.added_to(before, axes, &grid).map_err(|e| data!(symbol.to_string(), "{e}"))?;
         Ok(Self { args, path, model, function, axes, symbol, grid, filter, noise, run })
     }
 }
@@ -321,9 +301,9 @@ impl Found for Outcome<'_> {
     fn write(&self) -> Result<String> {
         let (files, mut model) = ([self.path.to_owned()], self.model.clone());
         let sources = Sources::of(&files);
-        put(&mut model, self.symbol, self.function.clone(), sources.provenance());
+        model.put(self.symbol, self.function.clone(), sources.provenance());
         for name in self.axes.into_iter().chain([self.symbol.axis()]) {
-            axis_entry(&mut model.spec, name);
+            model.spec.axis_mut(name);
         }
         self.args.model.write(&model, &sources.heading("identify kalman"), &files)?;
         Ok(String::new())
@@ -340,91 +320,35 @@ fn offline(model: &ModelFile, symbol: ErrorSymbol) -> Result<ErrorFunction> {
             axis.name
         ));
     }
-    let known = model.spec.errors.iter().find(|(s, _)| *s == symbol);
-    Ok(known.map(|(_, function)| function.clone()).unwrap_or_default())
+    Ok(model.spec.error(symbol).cloned().unwrap_or_default())
 }
 
 /// The offline error at a place; axes that the table does not have stand at 0.
 fn value_at(function: &ErrorFunction, symbol: ErrorSymbol, axes: &[AxisName; 3], at: [f64; 3]) -> f64 {
     let coordinate = |name: AxisName| axes.iter().position(|a| *a == name).map_or(0.0, |i| at[i]);
-    let grids = function.grids.iter().map(|g| {
-        let own: Vec<f64> = g.axes().map(coordinate).collect();
-        g.value(&own).0
-    });
-    function.value(coordinate(symbol.axis()), Travel::Forward) + grids.sum::<f64>()
+    function.value(coordinate(symbol.axis()), Travel::Forward) + function.grids_value(coordinate)
 }
 
-impl Run {
-    fn of(
-        table: &mut Columns,
-        columns: &TableColumns,
-        grid: &NodeGrid,
-        (filter, noise): (&mut NodeFilter, &mut MeasurementNoise),
-        offline_at: impl Fn([f64; 3]) -> f64,
-    ) -> Result<Self> {
-        let mut last: Option<f64> = None;
-        let mut seen: Vec<([f64; 3], f64)> = Vec::new();
-        let mut run = Self::default();
-        table.rows(|row| {
-            let at = row.point(columns.positions)?.into();
-            let value = row.value(columns.value)? - offline_at(at);
-            if let Some(column) = columns.time {
-                let now = row.value(column)?;
-                let passed = last.map_or(0.0, |last| now - last);
-                if passed < 0.0 {
-                    let what = "is before the row above; sort the rows by time";
-                    return Err(row.fail(column, format_args!("{now} s {what}")));
-                }
-                filter.predict(passed);
-                last = Some(now);
+/// What a table holds beyond the model.
+fn read(
+    table: &mut Columns,
+    columns: &TableColumns,
+    offline_at: impl Fn([f64; 3]) -> f64,
+) -> Result<Vec<Sample>> {
+    let mut last: Option<f64> = None;
+    table.rows(|row| {
+        let at = row.point(columns.positions)?.into();
+        let value = row.value(columns.value)? - offline_at(at);
+        let mut passed_s = 0.0;
+        if let Some(column) = columns.time {
+            let now = row.value(column)?;
+            passed_s = last.map_or(0.0, |last| now - last);
+            if passed_s < 0.0 {
+                let what = "is before the row above; sort the rows by time";
+                return Err(row.fail(column, format_args!("{now} s {what}")));
             }
-            let reading = observation(grid, at, value);
-            run.outside += usize::from(reading.place.outside);
-            let update = filter.update(&reading, noise);
-            run.readings += 1;
-            run.alarm |= filter.alarm();
-            if update.verdict == Verdict::Accepted {
-                // one reading that is far off says nothing about the noise of the others
-                run.mean_ratio += update.ratio();
-                run.before += value * value;
-                seen.push((at, value));
-            } else {
-                run.rejected += 1;
-            }
-            Ok(())
-        })?;
-        if seen.is_empty() {
-            let what = "no reading was accepted; check --sigma and --noise, and the units";
-            return Err(table.file_error(what));
+            last = Some(now);
         }
-        let n = seen.len() as f64;
-        let squares = |(at, value): &([f64; 3], f64)| (value - filter.value(0, &grid.place(*at))).powi(2);
-        run.after = (seen.iter().map(squares).sum::<f64>() / n).sqrt();
-        run.before = (run.before / n).sqrt();
-        run.mean_ratio /= n;
-        Ok(run)
-    }
-}
-
-/// The function with the map as one more grid, or in place of a grid over the same nodes.
-fn with_grid(
-    mut function: ErrorFunction,
-    axes: &[AxisName; 3],
-    grid: &NodeGrid,
-    filter: &NodeFilter,
-) -> Result<ErrorFunction, CurveError> {
-    // the grid of the model has its last axis fastest, the filter its first
-    let edges = |i: usize| (axes[i], grid.positions(i).to_vec());
-    let mut values: Vec<f64> = filter.map().collect();
-    let same = |g: &Grid| {
-        g.axes().eq([axes[2], axes[1], axes[0]]) && (0..3).all(|i| g.positions(i) == grid.positions(2 - i))
-    };
-    if let Some(at) = function.grids.iter().position(same) {
-        let old = function.grids.remove(at);
-        values.iter_mut().zip(old.values()).for_each(|(new, old)| *new += old);
-    }
-    function.grids.push(Grid::new(vec![edges(2), edges(1), edges(0)], values)?);
-    let variances: f64 = filter.variances().sum();
-    function.std = Some((variances / filter.state().len() as f64).sqrt());
-    Ok(function)
+        Ok(Sample { passed_s, at, value })
+    })
 }

@@ -1,8 +1,6 @@
 //! What a method is to `volcomp identify`, and the runner that does the reading, printing and writing of all of them.
 
-use crate::identify::CaseFile;
-use crate::model_writer::ModelWriter;
-use crate::prelude::*;
+use crate::identify::prelude::*;
 
 /// The options that every method has.
 pub(super) struct Front<'a> {

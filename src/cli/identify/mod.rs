@@ -22,13 +22,18 @@ mod straightness;
 mod threepoint;
 mod tracker_points;
 
-use case::{CaseArgs, CaseFile};
 pub(crate) use columns::{Column, Columns};
-use columns::{RunColumns, Stops};
-use curve_fits::CurveFits;
-use method::{Found, Front, Method, printed};
-use motion_curves::{CurveArgs, Motions};
-use tracker_points::{Frame, PointColumns, Registered, TrackerArgs};
+
+/// The vocabulary of the methods, with that of the command line.
+mod prelude {
+    pub(super) use super::case::{CaseArgs, CaseFile, refused, rows};
+    pub(super) use super::columns::{self, Column, Columns, RunColumns, Stops};
+    pub(super) use super::curve_fits::CurveFits;
+    pub(super) use super::method::{Found, Front, Method, printed};
+    pub(super) use super::motion_curves::{CurveArgs, Motions, Report};
+    pub(super) use super::tracker_points::{Frame, PointColumns, Registered, TrackerArgs};
+    pub(super) use crate::prelude::*;
+}
 
 subcommands! {
     /// Turn instrument data into an error model.

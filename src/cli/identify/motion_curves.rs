@@ -3,12 +3,9 @@
 
 use std::fmt::Write as _;
 
-use super::{CurveFits, Found, Front, columns};
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::comments;
-use crate::model_writer::{ModelWriter, axis_entry, data_error};
-use crate::prelude::*;
-use crate::units::column;
+use crate::identify::prelude::*;
 use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
@@ -141,7 +138,7 @@ impl Found for Motions<'_> {
             let from = fits.sources.provenance();
             fits.add(symbol, self.gauged.readings(component), self.args.basis, std, from)?;
         }
-        let axis = axis_entry(&mut fits.model.spec, origin.axis);
+        let axis = fits.model.spec.axis_mut(origin.axis);
         // all six of the axis are new, and they are in this sense
         axis.sense = Sense::Relative;
         let point = ReferencePoint { point: origin.reference, body: ReferenceBody::Carriage };

@@ -1,9 +1,6 @@
 //! `volcomp identify probe`: effective radius of a touch probe's ball, from contacts with a gauge bar.
 
-use super::{CaseArgs, CaseFile, Found, Front, Method, columns};
-use crate::arg_parsers::numbers;
-use crate::model_writer::{ModelWriter, Sources, put};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::probe::{Arm, Calibration, Circle, Contact, Note, Request, calibrate};
 
 /// Effective radius of a touch probe and the place of a gauge bar, from contacts around the bar.
@@ -63,7 +60,7 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
 }
 
 /// A case of the vectors: mm, and degrees where the name says so.
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Case {
     #[serde(rename = "R_bar")]
     bar_radius: f64,
@@ -220,7 +217,7 @@ impl Found for Outcome<'_> {
             let std = covariance.map(|c| c[(k, k)].sqrt());
             let function = ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(value)) };
             let symbol = ErrorSymbol::Location { component, axis: AxisName::A };
-            put(&mut model, symbol, function, sources.provenance());
+            model.put(symbol, function, sources.provenance());
         }
         if let Some(arm) = args.arm_mm {
             let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);

@@ -1,12 +1,10 @@
 //! Points in CSV files: named points with coordinates, or with range, azimuth and elevation from a tracker, and the
 //! registration of the tracker's frame to the machine's.
 
-use super::{Column, Columns, columns};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
 use volcomp_model::geometry::Mat3;
-use volcomp_model::statistics::chi_square_upper;
 
 /// What is known of the instrument.
 #[derive(Debug, clap::Args)]
@@ -236,47 +234,23 @@ impl Place {
 impl Registered {
     /// Probability of residuals this large, where the noise was stated.
     fn p_value(&self) -> Option<f64> {
-        (self.stated && self.fit.dof > 0).then(|| chi_square_upper(self.fit.chi2, self.fit.dof))
-    }
-
-    /// Root mean square of a residual coordinate, mm.
-    fn rms(&self) -> f64 {
-        let sum: f64 = self.fit.residuals.iter().map(Vec3::norm_squared).sum();
-        (sum / (3.0 * self.fit.residuals.len() as f64)).sqrt()
-    }
-
-    fn worst(&self) -> (usize, f64) {
-        self.fit
-            .residuals
-            .iter()
-            .map(Vec3::norm)
-            .enumerate()
-            .fold((0, 0.0), |m, r| if r.1 > m.1 { r } else { m })
-    }
-
-    /// Variance of the residuals over the stated one where that was exceeded, or where none was stated.
-    fn scale(&self) -> f64 {
-        if self.fit.dof == 0 {
-            return 1.0;
-        }
-        let factor = (self.fit.chi2 / self.fit.dof as f64).sqrt();
-        if self.stated { factor.max(1.0) } else { factor }
+        self.fit.test().p_value().filter(|_| self.stated)
     }
 
     /// Standard deviations: of the centre (mm) and of the three rotations (rad).
     pub(super) fn std(&self) -> [f64; 6] {
-        core::array::from_fn(|i| self.scale() * self.fit.covariance[(i, i)].sqrt())
+        self.fit.std(self.stated)
     }
 
     /// What the registration does to a point of M: standard deviation of its largest direction, mm.
     pub(super) fn std_at(&self, point: &Vec3) -> f64 {
-        self.scale() * self.fit.covariance_at(point).symmetric_eigenvalues().max().sqrt()
+        self.fit.std_at(point, self.stated)
     }
 
     pub(super) fn print(&self) {
-        let (points, (worst, largest)) = (self.points.len(), self.worst());
+        let (points, (worst, largest)) = (self.points.len(), self.fit.worst());
         let worst = &self.points[worst];
-        let (rms, largest) = (um_from_mm(self.rms()), um_from_mm(largest));
+        let (rms, largest) = (um_from_mm(self.fit.rms()), um_from_mm(largest));
         say_text!(
             "registration from {points} points: residual rms {rms:.2} um, largest {largest:.2} um ({worst})"
         );
@@ -303,8 +277,8 @@ impl Registered {
             "points": self.points,
             "rotation": rotation,
             "translation": self.fit.translation.as_slice(),
-            "residual_rms": self.rms(),
-            "worst_point": self.points[self.worst().0],
+            "residual_rms": self.fit.rms(),
+            "worst_point": self.points[self.fit.worst().0],
             "std": self.std(),
             "chi2": self.fit.chi2,
             "dof": self.fit.dof,

@@ -8,38 +8,30 @@ mod tables;
 
 use std::io::BufRead;
 
-use clap::{Parser, ValueEnum};
+use clap::Parser;
 
-use super::model_writer::ModelWriter;
-use super::positioning_data::format_failure;
 use crate::prelude::*;
 use volcomp_formats::columns::{ColumnMap, Delimiter};
+use volcomp_formats::detect::{self, Format};
 use volcomp_formats::heidenhain::Sign;
 use volcomp_formats::linuxcnc::LinearUnit;
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::text::{self, Decoded, Encoding};
-use volcomp_formats::{detect, isg, linuxcnc};
+use volcomp_formats::{isg, linuxcnc};
 
 /// Read files of instruments and controls into volcomp's own tables and models.
 ///
 /// Laser tests become `cycle,direction,target_mm,deviation_um`; captures `t_s` and columns that end in their units;
 /// ballbar figures `feature,value,unit` (JSON where --out ends in .json); tables of controls a model file.
 #[derive(Debug, Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp import x.rtl --out x.csv\n  \
-    volcomp import c.rtl --axis c --deviation-unit mrad --out c.csv\n  \
-    volcomp import run.json --axes x=1,y=2,z=6,c=4 --out run.csv\n  \
-    volcomp import soll.csv --columns \"target=Soll:mm,deviation=Abw:um\" --delimiter ';' --decimal-comma --out x.csv\n  \
-    volcomp import vc.csv --format isg --chain \"[w X' b Y Z t]\" --sense carriage --out model.toml\n  \
-    volcomp import x.comp --format linuxcnc --axis x --comp-type 0 --into model.toml\n\
-    \nThe formats, their signs and what they cannot hold: docs/reference/formats.md")]
+#[command(after_help = include_str!("help.txt"))]
 pub(super) struct Args {
     /// Files; several where they make one table or model. - is stdin.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// How the files are written; auto looks at their beginning.
-    #[arg(long, value_enum, default_value = "auto")]
-    format: FormatArg,
+    #[arg(long, value_parser = one_of(FORMATS), default_value = "auto")]
+    format: Named,
     #[command(flatten)]
     model: ModelWriter,
     /// The axis that moved, or whose table it is.
@@ -82,37 +74,24 @@ pub(super) struct Args {
     increment_um: Option<f64>,
 }
 
-/// A format by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum FormatArg {
-    /// Look at the beginning of the file.
-    Auto,
-    /// Renishaw laser, static.
-    Rtl,
-    /// Renishaw laser, dynamic.
-    Rtx,
-    /// Renishaw ballbar, figures.
-    B5r,
-    /// SINUMERIK Edge capture.
-    Edge,
-    /// ISO 230-2 test of an ecmc logger.
-    Iso230Dat,
-    /// API laser, means.
-    ApiPos,
-    /// EPICS camonitor log.
-    Camonitor,
-    /// Any table, with --columns or --map.
-    Columns,
-    /// ISG and Beckhoff volumetric compensation.
-    Isg,
-    /// ISG and Beckhoff leadscrew compensation.
-    IsgLis,
-    /// LinuxCNC screw compensation.
-    #[value(name = "linuxcnc")]
-    LinuxCnc,
-    /// Heidenhain .COM table.
-    Heidenhain,
-}
+/// A format by name; none: what the beginning of the file gives away.
+type Named = Option<Format>;
+
+const FORMATS: &[(&str, &str, Named)] = &[
+    ("auto", "Look at the beginning of the file", None),
+    ("rtl", "Renishaw laser, static", Some(Format::Rtl)),
+    ("rtx", "Renishaw laser, dynamic", Some(Format::Rtx)),
+    ("b5r", "Renishaw ballbar, figures", Some(Format::B5r)),
+    ("edge", "SINUMERIK Edge capture", Some(Format::Edge)),
+    ("iso230-dat", "ISO 230-2 test of an ecmc logger", Some(Format::Iso230Dat)),
+    ("api-pos", "API laser, means", Some(Format::ApiPos)),
+    ("camonitor", "EPICS camonitor log", Some(Format::Camonitor)),
+    ("columns", "Any table, with --columns or --map", Some(Format::Columns)),
+    ("isg", "ISG and Beckhoff volumetric compensation", Some(Format::Isg)),
+    ("isg-lis", "ISG and Beckhoff leadscrew compensation", Some(Format::IsgLis)),
+    ("linuxcnc", "LinuxCNC screw compensation", Some(Format::LinuxCnc)),
+    ("heidenhain", "Heidenhain .COM table", Some(Format::Heidenhain)),
+];
 
 pub(super) const DEVIATION_UNITS: &[(&str, &str, DeviationUnit)] = &[
     ("um", "", DeviationUnit::Um),
@@ -170,61 +149,47 @@ fn comp_type(text: &str) -> Result<linuxcnc::CompType, String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let mut format = args.format;
-    if format == FormatArg::Auto && (args.map.is_some() || !args.columns.is_empty()) {
-        format = FormatArg::Columns;
-    }
     let first = &args.files[0];
-    if format == FormatArg::Auto {
-        format = detected(first)?;
-        for file in &args.files[1..] {
-            let other = detected(file)?;
-            if other != format {
-                return Err(usage!(
-                    "{} and {} are of different formats; import them one by one",
-                    first.display(),
-                    file.display()
-                ));
-            }
-        }
-    }
+    let is_described = args.map.is_some() || !args.columns.is_empty();
+    let format = match args.format.or(is_described.then_some(Format::Columns)) {
+        Some(format) => format,
+        None => one_format(&args.files)?,
+    };
     match format {
-        FormatArg::Rtl | FormatArg::Iso230Dat | FormatArg::ApiPos => positioning::run(args, format),
-        FormatArg::Columns if args.column_map()?.is_test() => positioning::run(args, format),
-        FormatArg::Isg | FormatArg::IsgLis | FormatArg::LinuxCnc | FormatArg::Heidenhain => {
-            tables::run(args, format)
-        }
+        Format::Rtl | Format::Iso230Dat | Format::ApiPos => positioning::run(args, format),
+        Format::Columns if args.column_map()?.is_test() => positioning::run(args, format),
+        Format::Isg | Format::IsgLis | Format::LinuxCnc | Format::Heidenhain => tables::run(args, format),
         _ if args.files.len() > 1 => Err(Failure::usage("files of this kind are imported one by one")),
-        FormatArg::Rtx => series::rtx(args, first),
-        FormatArg::Edge => series::edge(args, first),
-        FormatArg::Camonitor => series::camonitor(args, first),
-        FormatArg::B5r => series::b5r(args, first),
-        FormatArg::Columns | FormatArg::Auto => series::columns(args, first),
+        Format::Rtx => series::rtx(args, first),
+        Format::Edge => series::edge(args, first),
+        Format::Camonitor => series::camonitor(args, first),
+        Format::B5r => series::b5r(args, first),
+        Format::Columns => series::columns(args, first),
     }
 }
 
-/// The formats that are known by their beginning.
-const FORMATS: [(detect::Format, FormatArg); 10] = [
-    (detect::Format::Rtl, FormatArg::Rtl),
-    (detect::Format::Rtx, FormatArg::Rtx),
-    (detect::Format::B5r, FormatArg::B5r),
-    (detect::Format::Edge, FormatArg::Edge),
-    (detect::Format::Iso230Dat, FormatArg::Iso230Dat),
-    (detect::Format::Isg, FormatArg::Isg),
-    (detect::Format::IsgLis, FormatArg::IsgLis),
-    (detect::Format::Heidenhain, FormatArg::Heidenhain),
-    (detect::Format::ApiPos, FormatArg::ApiPos),
-    (detect::Format::Camonitor, FormatArg::Camonitor),
-];
+/// The format of all files by their beginnings.
+fn one_format(files: &[PathBuf]) -> Result<Format> {
+    let (first, format) = (&files[0], detected(&files[0])?);
+    for file in &files[1..] {
+        if detected(file)? != format {
+            return Err(usage!(
+                "{} and {} are of different formats; import them one by one",
+                first.display(),
+                file.display()
+            ));
+        }
+    }
+    Ok(format)
+}
 
 /// The format of a file by its beginning.
-fn detected(path: &Path) -> Result<FormatArg> {
+fn detected(path: &Path) -> Result<Format> {
     if path.as_os_str() == "-" {
         return Err(Failure::usage("stdin cannot be looked at first; give its --format"));
     }
     let head = input::head(path, InputKind::Stream, detect::HEAD as u64)?;
-    let found = detect::format(&head);
-    FORMATS.iter().find(|(format, _)| found == Some(*format)).map(|(_, arg)| *arg).ok_or_else(|| {
+    detect::format(&head).ok_or_else(|| {
         usage!(
             "{}: its beginning does not give its format away; name it with --format, or describe the table with --columns or --map",
             path.display()

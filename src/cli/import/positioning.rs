@@ -1,19 +1,20 @@
 //! Laser tests and other positioning tests to `cycle,direction,target_mm,deviation_um`.
 
-use super::{Args, FormatArg, encoding_note, note_list, open};
+use super::{Args, encoding_note, note_list, open};
 use crate::files::Rows;
-use crate::positioning_data::{format_failure, parse_dat};
+use crate::positioning_data::parse_dat;
 use crate::predict::push_number;
 use crate::prelude::*;
 use crate::progress::Progress;
 use crate::start_up;
 use volcomp_evaluate::PositioningReading;
 use volcomp_formats::columns::{Columns, Placed, Runs};
+use volcomp_formats::detect::Format;
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
 
-pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
+pub(super) fn run(args: &Args, format: Format) -> Result<()> {
     let out = args.out()?;
     if args.model.into.is_some() {
         return Err(Failure::usage(
@@ -35,7 +36,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
             cycles = cycles.max(cycle);
             write(&mut rows, kind, &Reading { cycle, ..*reading })
         };
-        if format == FormatArg::Columns {
+        if format == Format::Columns {
             columns(args, path, &mut sink)?;
         } else {
             let test = read(args, format, path, &file)?;
@@ -47,12 +48,12 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
 }
 
 /// Reads a whole test and says what was found.
-fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<PositioningTest> {
+fn read(args: &Args, format: Format, path: &Path, file: &str) -> Result<PositioningTest> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(file, &bytes)?;
     let encoding = encoding_note(&decoded);
     let test = match format {
-        FormatArg::Rtl => {
+        Format::Rtl => {
             let (rtl, mut notes) = rtl::parse(&decoded.text).map_err(|e| format_failure(file, &e))?;
             let unit = args.deviation_unit(&rtl, file)?;
             let (test, more) = rtl.test(unit);
@@ -64,7 +65,7 @@ fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<Posit
             }
             test
         }
-        FormatArg::ApiPos => {
+        Format::ApiPos => {
             let means = api_pos::parse(&decoded.text).map_err(|e| format_failure(file, &e))?;
             note!("{file}: API laser test (.pos){encoding}");
             note!("  note: the file holds means, so repeatability cannot be judged from it");
@@ -174,7 +175,7 @@ fn columns(args: &Args, path: &Path, sink: &mut dyn FnMut(AxisKind, &Reading) ->
     }
     let fail = |e: ReadError| read_failure(path, &e);
     let mut table = Columns::new(open(path, InputKind::Table)?, map).map_err(fail)?;
-    let mut progress = Progress::new(path);
+    let progress = Progress::of_file(path);
     let mut runs = Runs::default();
     let mut rows = 0u64;
     let mut test = PositioningTest::new(kind, Vec::new(), Vec::new());

@@ -1,14 +1,11 @@
 //! Captures and logs to tables over time, and figures to a list.
 
-use std::cell::Cell;
 use std::fmt::Write as _;
 use std::io::{self, BufRead, Read, Write};
-use std::rc::Rc;
 
 use super::positioning::read_failure;
 use super::{Args, encoding_note, note_list, open};
 use crate::files::Rows;
-use crate::positioning_data::format_failure;
 use crate::prelude::*;
 use crate::progress::Progress;
 use volcomp_formats::columns::Columns;
@@ -27,11 +24,16 @@ fn put_names<'a>(rows: &mut Rows, columns: impl Iterator<Item = &'a str>) {
     rows.block.push(b'\n');
 }
 
-/// A number; nothing where there is none.
-fn number(rows: &mut Rows, value: f64) {
-    if !value.is_nan() {
-        // writing to memory cannot fail
-        let _ = write!(rows.block, "{value}");
+/// Numbers with commas between them; nothing where there is none.
+fn numbers(rows: &mut Rows, values: impl IntoIterator<Item = f64>) {
+    for (i, value) in values.into_iter().enumerate() {
+        if i > 0 {
+            rows.block.push(b',');
+        }
+        if !value.is_nan() {
+            // writing to memory cannot fail
+            let _ = write!(rows.block, "{value}");
+        }
     }
 }
 
@@ -39,16 +41,14 @@ pub(super) fn rtx(args: &Args, path: &Path) -> Result<()> {
     let mut samples =
         dynamic::Samples::new(open(path, InputKind::Stream)?).map_err(|e| read_failure(path, &e))?;
 
-    let mut progress = Progress::new(path);
+    let progress = Progress::of_file(path);
     let name = if args.angular { "angle_mrad" } else { "displacement_mm" };
     let mut table = create(args, ["t_s", name].into_iter())?;
     let rate = samples.header().rate_hz;
     let (mut block, mut done) = (Vec::new(), 0u64);
     while samples.read(&mut block).map_err(|e| read_failure(path, &e))? {
         for value in block.drain(..) {
-            number(&mut table, done as f64 / rate);
-            table.block.push(b',');
-            number(&mut table, value);
+            numbers(&mut table, [done as f64 / rate, value]);
             table.row_end()?;
             done += 1;
         }
@@ -67,16 +67,18 @@ pub(super) fn rtx(args: &Args, path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Counts what has been read, for the progress bar.
-struct Counting<R> {
+/// Tells the progress bar what has been read.
+struct Counting<'a, R> {
     source: R,
-    bytes: Rc<Cell<u64>>,
+    bytes: u64,
+    progress: &'a Progress,
 }
 
-impl<R: Read> Read for Counting<R> {
+impl<R: Read> Read for Counting<'_, R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.source.read(buffer)?;
-        self.bytes.set(self.bytes.get() + read as u64);
+        self.bytes += read as u64;
+        self.progress.update(self.bytes);
         Ok(read)
     }
 }
@@ -85,8 +87,6 @@ impl<R: Read> Read for Counting<R> {
 struct Capture<'a> {
     args: &'a Args,
     table: Rows,
-    progress: Progress,
-    bytes: Rc<Cell<u64>>,
     /// Columns that are kept.
     kept: Vec<usize>,
     problem: Option<Failure>,
@@ -137,14 +137,8 @@ impl Sink for Capture<'_> {
     }
 
     fn row(&mut self, row: Row<'_>) -> bool {
-        number(&mut self.table, row.t_s);
-        self.table.block.push(b',');
-        number(&mut self.table, f64::from(row.segment));
-        for &i in &self.kept {
-            self.table.block.push(b',');
-            number(&mut self.table, row.values[i]);
-        }
-        self.progress.update(self.bytes.get());
+        let kept = self.kept.iter().map(|i| row.values[*i]);
+        numbers(&mut self.table, [row.t_s, f64::from(row.segment)].into_iter().chain(kept));
         self.problem = self.table.row_end().err();
         self.problem.is_none()
     }
@@ -155,18 +149,11 @@ pub(super) fn edge(args: &Args, path: &Path) -> Result<()> {
     if source.fill_buf().map_err(|e| Failure::io(path, &e))?.starts_with(b"\xef\xbb\xbf") {
         source.consume(3);
     }
-    let bytes = Rc::new(Cell::new(0));
-    let mut capture = Capture {
-        args,
-        table: Rows::create(args.out()?)?,
-        progress: Progress::new(path),
-        bytes: Rc::clone(&bytes),
-        kept: Vec::new(),
-        problem: None,
-    };
-    let counting = io::BufReader::with_capacity(1 << 16, Counting { source, bytes });
-    let read = edge::read(counting, &mut capture);
-    capture.progress.finish();
+    let progress = Progress::of_file(path);
+    let mut capture = Capture { args, table: Rows::create(args.out()?)?, kept: Vec::new(), problem: None };
+    let counting = Counting { source, bytes: 0, progress: &progress };
+    let read = edge::read(io::BufReader::with_capacity(1 << 16, counting), &mut capture);
+    progress.finish();
     if let Some(problem) = capture.problem {
         return Err(problem);
     }
@@ -211,7 +198,7 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
 pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
     let mut log = epics::Log::new(open(path, InputKind::Stream)?);
 
-    let mut progress = Progress::new(path);
+    let progress = Progress::of_file(path);
     let mut table = create(args, ["t_s", "pv", "value", "alarm"].into_iter())?;
     let (mut rows, mut pvs) = (0u64, BTreeSet::new());
     while log.advance().map_err(|e| read_failure(path, &e))? {
@@ -219,7 +206,7 @@ pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
         if pvs.len() < 10_000 && !pvs.contains(&change.pv) {
             pvs.insert(change.pv.clone());
         }
-        number(&mut table, change.t_s);
+        numbers(&mut table, [change.t_s]);
         let clean = |t: &str| t.replace(['"', ','], "_");
         for text in [clean(&change.pv), change.value.to_string(), clean(&change.alarm)] {
             table.block.push(b',');
@@ -246,21 +233,14 @@ pub(super) fn columns(args: &Args, path: &Path) -> Result<()> {
     let map = args.column_map()?;
     let mut source = Columns::new(open(path, InputKind::Stream)?, map).map_err(|e| read_failure(path, &e))?;
 
-    let mut progress = Progress::new(path);
+    let progress = Progress::of_file(path);
     let mut table = create(args, source.names())?;
     let mut rows = 0u64;
     while source.advance().map_err(|e| read_failure(path, &e))? {
-        for (i, value) in source.values().iter().enumerate() {
-            if i > 0 {
-                table.block.push(b',');
-            }
-            number(&mut table, *value);
-        }
+        numbers(&mut table, source.values().iter().copied());
         table.row_end()?;
         rows += 1;
-        if rows.is_multiple_of(4096) {
-            progress.update(source.bytes());
-        }
+        progress.update(source.bytes());
     }
     progress.finish();
     if rows == 0 {

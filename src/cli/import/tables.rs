@@ -1,13 +1,12 @@
 //! Tables of controls to a model.
 
-use super::{Args, FormatArg, encoding_note};
-use crate::model_writer::{Sources, default_chain, put};
-use crate::positioning_data::format_failure;
+use super::{Args, encoding_note};
 use crate::prelude::*;
 use volcomp_formats::axis_table::positioning_symbol;
+use volcomp_formats::detect::Format;
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc};
 
-pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
+pub(super) fn run(args: &Args, format: Format) -> Result<()> {
     if args.model.target().is_none() {
         return Err(Failure::usage(
             "neither --out nor --into is given; a table of a control becomes a model file",
@@ -28,7 +27,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
             seen.push(symbol);
             refuse_other_reference(&model, symbol, format, &file)?;
             describe(symbol, &function);
-            put(&mut model, symbol, function, sources.only(|i| i == index).provenance());
+            model.put(symbol, function, sources.only(|i| i == index).provenance());
         }
     }
     args.model.write(&model, &sources.comments(), &args.files)
@@ -36,7 +35,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<()> {
 
 fn read(
     args: &Args,
-    format: FormatArg,
+    format: Format,
     model: &ModelFile,
     file: &str,
     text: &str,
@@ -46,7 +45,7 @@ fn read(
         || args.axis.ok_or_else(|| usage!("{file}: the file does not say whose table it is; give --axis"));
     let fail = |e| format_failure(file, &e);
     match format {
-        FormatArg::Isg => {
+        Format::Isg => {
             let tables = isg::parse(text, &model.spec.chain, args.control.sense).map_err(fail)?;
             note!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
             if !tables.kinematics.is_empty() {
@@ -57,7 +56,7 @@ fn read(
             }
             Ok(tables.errors)
         }
-        FormatArg::IsgLis => {
+        Format::IsgLis => {
             let axis = axis()?;
             // um to mm; for a rotary axis thousandths of a degree
             let increment = args.increment_um.map(|um| um / 1e3);
@@ -65,7 +64,7 @@ fn read(
             note!("{file}: ISG leadscrew compensation{encoding}");
             Ok(vec![(positioning_symbol(axis), found)])
         }
-        FormatArg::Heidenhain => {
+        Format::Heidenhain => {
             let table = heidenhain::parse(text, axis()?, args.control.sign).map_err(fail)?;
             note!("{file}: Heidenhain compensation table (.COM){encoding}");
             if table.backlash_empty {
@@ -87,12 +86,7 @@ fn read(
 
 /// Tables hold values in the relative sense, those of ISG at the origin: a model that means something else by its numbers
 /// would take them for something else.
-fn refuse_other_reference(
-    model: &ModelFile,
-    symbol: ErrorSymbol,
-    format: FormatArg,
-    file: &str,
-) -> Result<()> {
+fn refuse_other_reference(model: &ModelFile, symbol: ErrorSymbol, format: Format, file: &str) -> Result<()> {
     if symbol.is_constant() {
         return Ok(());
     }
@@ -105,7 +99,7 @@ fn refuse_other_reference(
         ));
     }
     let elsewhere = axis.reference_points.iter().any(|r| r.point != Vec3::zeros());
-    if format == FormatArg::Isg && axis.name.kind() == AxisKind::Linear && elsewhere {
+    if format == Format::Isg && axis.name.kind() == AxisKind::Linear && elsewhere {
         return Err(data!(
             file,
             "axis {} of the model has reference points, the table is referred to the origin; import into a model without them",

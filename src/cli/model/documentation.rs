@@ -3,7 +3,7 @@
 use super::gauge::NEGLIGIBLE;
 use super::picture;
 use super::report::Report;
-use crate::acceptance::{Acceptance, HeadArgs, NOT_STATED, Stated, file_name, sign};
+use crate::acceptance::{HeadArgs, NOT_STATED, sign};
 use crate::check::Size;
 use crate::prelude::*;
 use volcomp_model::curve::Interpolation;
@@ -202,8 +202,10 @@ impl Documented<'_> {
     fn functions(&self, page: &mut Page) {
         // errors determined elsewhere than the file as a whole
         let own = |symbol: ErrorSymbol| {
-            let found = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
-            found.and_then(|(_, p)| origin(p)).filter(|o| Some(o) != origin(&self.file.provenance).as_ref())
+            self.file
+                .origin_of(symbol)
+                .and_then(origin)
+                .filter(|o| Some(o) != origin(&self.file.provenance).as_ref())
         };
         let apart = self.spec().errors.iter().any(|(s, _)| own(*s).is_some());
         let heads =

@@ -2,34 +2,21 @@
 
 use crate::prelude::*;
 
-/// One station of the drawing, from top to bottom of its column.
-struct Station {
-    rows: [String; 3],
-}
+/// A station of the drawing: what stands in its column from top to bottom.
+type Station = [String; 3];
 
 /// Three lines: the chain, what each joint does, and how far.
 pub(super) fn chain(model: &ModelSpec) -> Vec<String> {
-    let stations = stations(model);
     let mut lines = [String::new(), String::new(), String::new()];
-    for (i, station) in stations.iter().enumerate() {
-        let width = station.rows.iter().map(|r| r.chars().count()).max().unwrap_or(0);
-        for (row, line) in lines.iter_mut().enumerate() {
-            let gap = match (i, row) {
-                (0, _) => "",
-                (_, 0) => "---",
-                _ => "   ",
-            };
-            let text = &station.rows[row];
-            line.push_str(gap);
+    for (i, station) in stations(model).iter().enumerate() {
+        let width = station.iter().map(|r| r.chars().count()).max().unwrap_or(0);
+        for (row, (line, text)) in lines.iter_mut().zip(station).enumerate() {
             line.push_str(&match (row, i) {
                 // the chain ends at the workpiece and at the tool
-                (0, 0) => format!(
-                    "{}{text}{}",
-                    " ".repeat((width - 3) / 2),
-                    "-".repeat((width - 3) - (width - 3) / 2)
-                ),
-                (0, _) => centred(text, width, '-'),
-                _ => centred(text, width, ' '),
+                (0, 0) => format!("{:>width$}", format!("{text:-^width$}").trim_start_matches('-')),
+                (0, _) => format!("---{text:-^width$}"),
+                (_, 0) => format!("{text:^width$}"),
+                _ => format!("   {text:^width$}"),
             });
         }
     }
@@ -37,8 +24,7 @@ pub(super) fn chain(model: &ModelSpec) -> Vec<String> {
 }
 
 fn stations(model: &ModelSpec) -> Vec<Station> {
-    let fixed =
-        |name: &str, what: &str| Station { rows: [format!(" {name} "), what.to_owned(), String::new()] };
+    let fixed = |name: &str, what: &str| [format!(" {name} "), what.to_owned(), String::new()];
     let mut out = vec![fixed("w", "workpiece")];
     let mut bed = false;
     for axis in model.chain.axes() {
@@ -60,20 +46,13 @@ fn stations(model: &ModelSpec) -> Vec<Station> {
             let [low, high] = t.map(|v| position_out(axis.name, v));
             format!("{low}..{high} {}", position_unit(axis.name))
         });
-        out.push(Station { rows: [name, what.to_owned(), travel] });
+        out.push([name, what.to_owned(), travel]);
     }
     if !bed {
         out.push(fixed("b", "bed"));
     }
     out.push(fixed("t", "tool"));
     out
-}
-
-fn centred(text: &str, width: usize, fill: char) -> String {
-    let room = width.saturating_sub(text.chars().count());
-    let left = room / 2;
-    let pad = |n: usize| fill.to_string().repeat(n);
-    format!("{}{text}{}", pad(left), pad(room - left))
 }
 
 #[cfg(test)]

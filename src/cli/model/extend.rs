@@ -1,7 +1,6 @@
 //! `model extend`: what a diagnosis has found becomes part of the model that volcompd corrects with.
 
 use super::forecast::Forecast;
-use crate::acceptance::file_name;
 use crate::additions::read_addition;
 use crate::prelude::*;
 use volcomp_effects::addition::Twice;

@@ -211,8 +211,7 @@ fn angle(rad: f64) -> f64 {
 }
 
 fn constant(model: &ModelSpec, symbol: ErrorSymbol) -> f64 {
-    let found = model.errors.iter().find(|(s, _)| *s == symbol);
-    found.map_or(0.0, |(_, f): &(_, ErrorFunction)| f.value(0.0, Default::default()))
+    model.error(symbol).map_or(0.0, |f| f.value(0.0, Default::default()))
 }
 
 /// Three decimals: a nanometre, or a thousandth of a second of arc.

@@ -1,7 +1,7 @@
 //! What `model show` says, in words and for programs.
 
 use super::{drawing, gauge};
-use crate::check::{Size, kinds_of};
+use crate::check::{self, Size, kinds_of};
 use crate::prelude::*;
 use crate::quantities::{corrections_json, list, point, pose_json, pose_words, vector};
 use volcomp_config::model::FORMAT;
@@ -159,18 +159,11 @@ impl Report<'_> {
 
     fn error_json(&self, symbol: ErrorSymbol, function: &ErrorFunction) -> Value {
         let size = Size::of(symbol, function, self.spec());
-        let unit = size.unit;
-        let own = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
-        json!({
-            "symbol": key(symbol),
-            "kinds": kinds_of(function),
-            format!("range_{}", position_unit(symbol.axis())): size.range,
-            format!("lowest_{unit}"): size.low,
-            format!("highest_{unit}"): size.high,
-            format!("peak_to_peak_{unit}"): rounded(size.high - size.low),
-            format!("std_{unit}"): function.std.map(|s| rounded(error_out(symbol, s))),
-            "provenance": own.map(|(_, p)| provenance_json(p)),
-        })
+        let mut json = check::error_json(symbol, function, &size);
+        json[format!("peak_to_peak_{}", size.unit)] = json!(rounded(size.high - size.low));
+        json[format!("std_{}", size.unit)] = json!(function.std.map(|s| rounded(error_out(symbol, s))));
+        json["provenance"] = json!(self.file.origin_of(symbol).map(provenance_json));
+        json
     }
 }
 
@@ -216,7 +209,6 @@ pub(crate) fn errors(file: &ModelFile) -> (Table, Table) {
 fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) -> [String; 9] {
     let size = Size::of(symbol, function, &file.spec);
     let unit = position_unit(symbol.axis());
-    let own = file.of_errors.iter().find(|(s, _)| *s == symbol);
     let [low, high, range] = [size.low, size.high, size.high - size.low].map(|v| plain(v, 2));
     [
         key(symbol),
@@ -227,18 +219,14 @@ fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) ->
         range,
         size.unit.to_owned(),
         function.std.map_or(String::new(), |s| format!("{:.2}", error_out(symbol, s))),
-        own.map_or(String::new(), |(_, p)| origin_words(p)),
+        file.origin_of(symbol).map_or(String::new(), origin_words),
     ]
 }
 
 fn axis_json(spec: &ModelSpec, name: AxisName) -> Value {
     let axis = spec.axis(name);
-    let mut out = json!({
-        "axis": name.lower().to_string(),
-        "workpiece_side": spec.is_workpiece_side(name),
-        format!("travel_{}", position_unit(name)): axis.travel.map(|t| t.map(|v| position_out(name, v))),
-        "sense": axis.sense.name(),
-    });
+    let mut out = check::axis_json(spec, name);
+    out["sense"] = json!(axis.sense.name());
     match name.kind() {
         AxisKind::Rotary => out["point_mm"] = json!(list(&axis.point)),
         AxisKind::Linear => {

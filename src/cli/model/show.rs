@@ -3,7 +3,7 @@
 use super::report::Report;
 use super::{html, picture};
 use crate::prelude::*;
-use crate::progress::Steps;
+use crate::progress::Progress;
 use volcomp_model::extremes::search;
 
 /// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture
@@ -29,9 +29,9 @@ pub(crate) struct Args {
 pub(super) fn run(args: &Args) -> Result<()> {
     let file = super::load(&args.file)?;
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
-    let bar = Steps::new();
+    let bar = Progress::of_steps();
     let found = search(&file.spec, &model, |done, of| bar.show(done, of));
-    bar.clear();
+    bar.finish();
     let name = args.file.display().to_string();
     let report = Report { file: &file, name: &name, found: &found };
     if let Some(out) = &args.svg {

@@ -2,21 +2,13 @@
 
 use super::Args;
 use super::readings::live_values;
-use crate::evaluate::circular::{reading, samples};
+use crate::evaluate::circular::samples;
+use crate::identify::ballbar::reading;
 use crate::prelude::*;
 use crate::report_page::{Page, Plot, Style, Table};
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::{CirclePrediction, CircularReading, Circularity};
 use volcomp_identify::ballbar::Plane;
-
-pub(super) const HELP: &str = "\
-A measured circle:
-  volcomp predict --model model.toml --circle ballbar.csv --centre-mm 343.507,-285.090,-286.430 --radius-mm 100
-
---circle reads angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), as volcomp evaluate iso230-4 does;
-columns feed_mm_per_min and run are ignored. The model is evaluated at the programmed positions of the axes, in their
-direction of travel; behind a reversal an axis rests until it has made up its lost motion. Eccentricities are taken out of measured, predicted and residual, because a ballbar does not know
-where its centre is; the mean radius stays. The residual is what an ideal correction with this model leaves.";
 
 /// A measured circle.
 #[derive(Debug, clap::Args)]
@@ -61,8 +53,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         ));
     }
     let (_, model) = read_model(&args.model)?;
-    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
-    let readings: Vec<CircularReading> = samples(path, &known)?.iter().map(reading).collect();
+    let readings: Vec<CircularReading> = samples(path)?.iter().map(reading).collect();
     let live = live_values(&args.model, &model, &args.reading)?;
     let [a, b] = c.plane.axes();
     let predicted = predict(&model, &live, &readings, (centre, radius), [a, b], args.exact)

@@ -24,7 +24,7 @@ use super::reader::{self, Allowed, Key, Placed, Reader, Section};
 use volcomp_estimate::Thermal;
 use volcomp_model::chain_notation::ChainError;
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{Chain, ErrorSymbol, ModelError, ModelSpec};
+use volcomp_model::{Chain, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
 use volcomp_protocol::Name;
 use volcomp_units::axes::AxisName;
 
@@ -49,6 +49,25 @@ impl ModelFile {
     #[must_use]
     pub fn new(spec: ModelSpec) -> Self {
         Self { spec, provenance: Provenance::default(), of_errors: Vec::new(), thermal: Vec::new() }
+    }
+
+    /// Puts an error in its place, with where it came from.
+    pub fn put(&mut self, symbol: ErrorSymbol, function: ErrorFunction, from: Provenance) {
+        self.of_errors.retain(|(s, _)| *s != symbol);
+        if !from.is_empty() {
+            self.of_errors.push((symbol, from));
+        }
+        match self.spec.errors.iter_mut().find(|(s, _)| *s == symbol) {
+            Some((_, old)) => *old = function,
+            None => self.spec.errors.push((symbol, function)),
+        }
+        self.spec.errors.sort_by_key(|(symbol, _)| *symbol);
+    }
+
+    /// What is stated about the origin of an error alone.
+    #[must_use]
+    pub fn origin_of(&self, symbol: ErrorSymbol) -> Option<&Provenance> {
+        self.of_errors.iter().find(|(s, _)| *s == symbol).map(|(_, origin)| origin)
     }
 
     /// The thermal displacements that some error names.

@@ -65,6 +65,26 @@ impl Provenance {
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
+
+    /// The sources of both; all else is that of `self`.
+    #[must_use]
+    pub fn joined(&self, other: &Self) -> Self {
+        let sources = [self.entries(), other.entries()].concat();
+        Self { source: None, source_hash: None, sources, ..self.clone() }
+    }
+
+    /// Its sources, or itself as one.
+    fn entries(&self) -> Vec<SourceEntry> {
+        if !self.sources.is_empty() || (self.source.is_none() && self.source_hash.is_none()) {
+            return self.sources.clone();
+        }
+        vec![SourceEntry {
+            source: self.source.clone(),
+            source_hash: self.source_hash.clone(),
+            instrument: self.instrument.clone(),
+            date: self.date.clone(),
+        }]
+    }
 }
 
 /// Temperatures at which a machine tool is measured, degrees Celsius.

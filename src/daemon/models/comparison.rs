@@ -112,7 +112,7 @@ fn curves(old: &Prepared, new: &Prepared, error: &ErrorDifference) -> ErrorCurve
     });
     let sampled = |model: &Prepared, travel: Travel| -> Vec<f64> {
         if places.is_empty() {
-            let function = model.spec.errors.iter().find(|(other, _)| *other == symbol).map(|(_, f)| f);
+            let function = model.spec.error(symbol);
             return vec![value(function.map_or(0.0, |f| f.value(0.0, travel)))];
         }
         let values = relative_values(&model.spec, &model.model, symbol, &places, travel);

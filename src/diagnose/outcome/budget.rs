@@ -10,7 +10,7 @@ use super::super::Analysis;
 use super::super::decision::Assessed;
 use super::super::forecast::minus;
 use super::super::offsets::{peak99, rms, without_offsets};
-use super::super::report::Value;
+use super::super::report::{Cause, Value};
 use super::super::session::Session;
 use super::{Fitted, drift_rms, white_rms};
 
@@ -55,7 +55,35 @@ pub struct Budget {
     pub corrections: Vec<Correction>,
 }
 
+/// Shares of the mean square of the gap that are no cause's: what is unexplained, drift and noise. With those of the causes they
+/// add up to 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shares {
+    /// Neither cause nor drift nor noise.
+    pub unexplained: f64,
+    /// Drift.
+    pub drift: f64,
+    /// Noise.
+    pub noise: f64,
+}
+
 impl Budget {
+    /// The shares of what no cause explains.
+    #[must_use]
+    pub fn shares(&self) -> Shares {
+        let of = |rms_um: f64| rms_um.powi(2) / self.before.rms_um.powi(2).max(1e-18);
+        Shares { unexplained: of(self.unexplained_um), drift: of(self.drift_um), noise: of(self.noise_um) }
+    }
+
+    /// Causes in the order of their shares, largest first; those without one as they come, behind.
+    #[must_use]
+    pub fn sorted<'a>(&self, causes: impl Iterator<Item = &'a Cause>) -> Vec<&'a Cause> {
+        let share = |c: &Cause| self.correction(&c.label()).map_or(f64::NEG_INFINITY, |x| x.share);
+        let mut all: Vec<&Cause> = causes.collect();
+        all.sort_by(|a, b| share(b).total_cmp(&share(a)));
+        all
+    }
+
     /// True where no cause is declared, so that what is left is the gap.
     #[must_use]
     pub const fn names_no_cause(&self) -> bool {

@@ -25,13 +25,13 @@ use super::moment::Source;
 use super::noise::{beside_repeats, from_partners, is_revisited};
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::Day;
-use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
+use super::report::{Cause, Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
 use super::residual_structure::structure;
 use super::session::Session;
 use super::stochastic;
 use super::{Analysis, Options, raw_of};
 
-pub use budget::{Budget, Correction, Level, ProgramResidual};
+pub use budget::{Budget, Correction, Level, ProgramResidual, Shares};
 
 use budget::{budget, programs};
 use curves::curves;
@@ -89,6 +89,23 @@ pub struct Diagnosis {
     pub programs: Vec<ProgramResidual>,
     /// Angular readings are given as displacement at this radius, mm; none where there are others, or several radii.
     pub radius_mm: Option<f64>,
+}
+
+impl Diagnosis {
+    /// Width of a backlash that changes with the position, in the middle of the data (mm, um): that at zero may lie far outside.
+    #[must_use]
+    pub fn width_in_the_middle(&self, cause: &Cause) -> Option<(f64, Value)> {
+        let entry =
+            self.addition.effects.iter().find(|e| e.name == cause.effect && e.subject == cause.subject)?;
+        let at = |name: &str| entry.parameter_names.iter().position(|n| n == name);
+        let (width, slope) = (at("width_um")?, at("width_slope_um_per_m")?);
+        let [low, high] = *entry.valid.get(&format!("{}_mm", cause.subject))?;
+        let (place, metres) = (0.5 * (low + high), 0.5e-3 * (low + high));
+        let c = |i: usize, j: usize| entry.covariance[i][j];
+        let variance = c(width, width) + 2.0 * metres * c(width, slope) + metres * metres * c(slope, slope);
+        let value = entry.values[width] + metres * entry.values[slope];
+        Some((place, Value { value, std: variance.max(0.0).sqrt() }))
+    }
 }
 
 /// The radius of the levers, where all readings are angular and have one.

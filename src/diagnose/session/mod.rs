@@ -8,6 +8,7 @@ mod build;
 mod check;
 mod copies;
 mod history;
+mod logs;
 mod motion;
 mod pairs;
 mod plausibility_warnings;
@@ -22,6 +23,7 @@ use volcomp_model::geometry::Vec3;
 
 pub use ball_zero::BallZero;
 pub use history::History;
+pub use logs::{Log, Logs, Series};
 pub use times::Times;
 
 /// A session file as it was read: a number per row and column, NaN where a field is empty.
@@ -64,6 +66,20 @@ impl Raw {
 /// What is wrong with a session; the caller adds nothing.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SessionError {
+    /// Two logs say different things at the same times.
+    #[error(
+        "{log}: {source_name} at the same times as in {other}, with other values, beside the readings of {file}; each seems to have a clock of its own: give those of --fresh files with --fresh-history, diagnose the sessions one by one, or write the values into the columns of their files"
+    )]
+    OtherClock {
+        /// The log.
+        log: String,
+        /// What it tells of.
+        source_name: String,
+        /// The log before.
+        other: String,
+        /// The session file.
+        file: String,
+    },
     /// A column that every session needs.
     #[error("{file}: column {column} is missing; {remedy}")]
     Missing {

@@ -7,8 +7,9 @@ use super::super::constants::bounds::{
     DEGC, DEVIATION_UM, PAUSE_S, SCATTER_UM, SPEED_MM_PER_S, STEP_S, TOOL_MM, TRAVEL_MM, TWO_UNITS,
 };
 use super::super::constants::{FEW, SEES};
-use super::super::moment::Axis;
-use super::{Note, Raw, SessionError, has_rotation, is_angular, is_encoder};
+use super::super::moment::{Axis, Machine, MachineAxis};
+use super::{Note, Raw, Session, SessionError, has_rotation, is_angular, is_encoder};
+use volcomp_units::deg_from_rad;
 
 /// RMS about the mean and RMS of the deviations of each setup with enough of them, um.
 fn sizes(raw: &Raw) -> BTreeMap<i64, (f64, f64)> {
@@ -150,5 +151,38 @@ fn times(raw: &Raw, say: &mut dyn FnMut(String)) {
     let pause = (1..t.len()).map(|i| t[i] - t[i - 1]).fold(0.0, f64::max);
     if pause > PAUSE_S[0] {
         say(format!("t_s pauses for {:.1} days: is all of it on one clock?", pause / 86_400.0));
+    }
+}
+
+/// Share of the travel by which positions may lie outside it.
+const OUTSIDE: f64 = 0.01;
+
+impl Session {
+    /// Range of the positions of an axis, mm or rad; none where it stands still.
+    #[must_use]
+    pub fn range(&self, axis: Axis) -> Option<[f64; 2]> {
+        let positions = self.moments.iter().map(|m| m.position[axis.slot()]);
+        let ends = (f64::INFINITY, f64::NEG_INFINITY);
+        let (low, high) = positions.fold(ends, |(l, h), v| (l.min(v), h.max(v)));
+        (low < high).then_some([low, high])
+    }
+
+    /// Axes whose positions leave the travel that the model states: probably it is the model of another machine.
+    #[must_use]
+    pub fn outside_travel(&self, machine: &Machine) -> Vec<Note> {
+        let leaves = |a: &MachineAxis| {
+            let (unit, scale) = if a.axis.is_linear() { ("mm", 1.0) } else { ("deg", deg_from_rad(1.0)) };
+            let [low, high] = a.travel?.map(|v| scale * v);
+            let [from, to] = self.range(a.axis)?.map(|v| scale * v);
+            let allowed = OUTSIDE * (high - low);
+            (from < low - allowed || to > high + allowed).then(|| {
+            Note::new(format!(
+                "{} runs from {from:.1} to {to:.1} {unit}, the travel of the model is {low:.1} to {high:.1} {unit}: is it the model of \
+                 this machine?",
+                a.axis.to_string().to_uppercase(),
+            ))
+        })
+        };
+        machine.axes.iter().filter_map(leaves).collect()
     }
 }

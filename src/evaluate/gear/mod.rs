@@ -16,7 +16,7 @@ pub mod tolerance;
 pub mod trace;
 
 pub use tolerance::{CLASSES, Quantity, class, tolerance_um};
-pub use trace::{Deviations, GearTrace, OfFlank, evaluate, flanks, mean_of, passes_averaged};
+pub use trace::{Deviations, GearTrace, OfFlank, class_of, evaluate, flanks, mean_of, passes_averaged};
 
 /// A cylindrical involute gear.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +46,29 @@ pub enum Direction {
     Helix,
 }
 
+impl Direction {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Profile, Self::Helix];
+
+    /// The word in files: `profile` or `lead`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Profile => "profile",
+            Self::Helix => "lead",
+        }
+    }
+
+    /// Greek letter of the symbols of ISO 1328-1, in Latin ones.
+    #[must_use]
+    pub const fn letter(self) -> &'static str {
+        match self {
+            Self::Profile => "alpha",
+            Self::Helix => "beta",
+        }
+    }
+}
+
 /// The two flanks of a tooth, seen from the datum face with the tip upwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Flank {
@@ -53,6 +76,20 @@ pub enum Flank {
     Left,
     /// Right.
     Right,
+}
+
+impl Flank {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Left, Self::Right];
+
+    /// The word in files: `left` or `right`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
 }
 
 /// Positions between which a trace counts, mm.

@@ -143,6 +143,14 @@ pub struct OfFlank {
     pub mean: Deviations,
 }
 
+/// The class of a direction over both flanks; `Some(None)` beyond the last one, `None` where it was not measured.
+#[must_use]
+pub fn class_of(gear: &Gear, flanks: &[OfFlank], direction: Direction) -> Option<Option<u8>> {
+    let mut measured = flanks.iter().filter(|f| f.direction == direction).peekable();
+    measured.peek()?;
+    Some(measured.try_fold(0, |worst, f| Some(worst.max(f.class(gear)?))))
+}
+
 impl OfFlank {
     /// The class that all three quantities keep; `None` beyond the last one.
     #[must_use]

@@ -90,7 +90,7 @@ impl<'a> Motions<'a> {
         let side = in_chain.ok_or(ExportError::AxisNotInChain { axis })?.side;
         let functions = Component::ALL.map(|component| {
             let symbol = ErrorSymbol::Motion { component, axis };
-            spec.errors.iter().find(|(s, _)| *s == symbol).map(|(_, f)| f)
+            spec.error(symbol)
         });
         for (component, function) in Component::ALL.into_iter().zip(functions) {
             if function.is_some_and(|f| !f.live.is_empty()) {

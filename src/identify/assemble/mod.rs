@@ -400,7 +400,7 @@ impl Assembly<'_> {
     /// The sources that state an error.
     fn stating(&self, symbol: ErrorSymbol) -> Vec<Candidate> {
         let of = |(source, ready): (usize, &Ready)| {
-            let (_, function) = ready.spec.errors.iter().find(|(s, _)| *s == symbol)?;
+            let function = ready.spec.error(symbol)?;
             Some(Candidate { source, function: function.clone() })
         };
         self.ready.iter().enumerate().filter_map(of).collect()

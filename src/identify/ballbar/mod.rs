@@ -29,13 +29,15 @@
 
 mod check;
 mod columns;
+mod features;
 mod model;
 mod pitch;
 mod runs;
 mod solve;
 
+pub use features::Feature;
 pub use model::{Assembled, assemble};
-pub use runs::{cut_overshoot, run_starts, travelled};
+pub use runs::{cut_overshoot, run_starts, travelled, within_overshoot};
 pub use solve::analyse;
 
 use volcomp_units::axes::{AxisName, Travel};

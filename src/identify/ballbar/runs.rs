@@ -72,7 +72,14 @@ pub(super) fn elapsed(samples: &[Sample]) -> Vec<f64> {
 /// more than one turn, half at either end.
 #[must_use]
 pub fn cut_overshoot(samples: &[Sample], overshoot: Option<f64>) -> Vec<Sample> {
+    within_overshoot(samples, overshoot).into_iter().map(|i| samples[i]).collect()
+}
+
+/// Which readings these are.
+#[must_use]
+pub fn within_overshoot(samples: &[Sample], overshoot: Option<f64>) -> Vec<usize> {
     let mut kept = Vec::with_capacity(samples.len());
+    let mut first = 0;
     for run in runs(samples) {
         let path = path(run);
         let total = path.last().copied().unwrap_or(0.0);
@@ -83,7 +90,8 @@ pub fn cut_overshoot(samples: &[Sample], overshoot: Option<f64>) -> Vec<Sample> 
         // rounding must not cost the last reading
         let margin = 1e-9;
         let inside = |p: f64| p >= cut - margin && p <= total - cut + margin;
-        kept.extend(run.iter().zip(&path).filter(|(_, p)| inside(**p)).map(|(s, _)| *s));
+        kept.extend((first..).zip(path).filter(|(_, p)| inside(*p)).map(|(i, _)| i));
+        first += run.len();
     }
     kept
 }

@@ -2,7 +2,7 @@
 
 use super::request::Basis;
 use volcomp_model::curve::CurveError;
-use volcomp_units::axes::Travel;
+use volcomp_units::axes::{AxisKind, Travel};
 
 /// Condition number above which the terms count as indistinguishable.
 pub(super) const CONDITION_LIMIT: f64 = 1e10;
@@ -127,10 +127,11 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// The same with positions and periods in degrees, for the message about a rotary axis.
+    /// The same with positions and periods in the units of an axis, for a message: degrees where it turns.
     #[must_use]
-    pub fn in_degrees(self) -> Self {
+    pub fn in_units_of(self, kind: AxisKind) -> Self {
         match self {
+            other if !kind.is_rotary() => other,
             Self::DirectionMissing { position, travel } => {
                 Self::DirectionMissing { position: position.to_degrees(), travel }
             }

@@ -10,7 +10,7 @@
 //!
 //! Source: equations 5.9; figures: `docs/reference/json-output.md` 2. Reading order: this file, `data`, `basis`, `solve`,
 //! `figures`, `select` (orders and reversal), `periods`, `support` and `smooth` (tables), `band`, `robust`;
-//! `repeat` (a whole turn over a longer travel), `cycle_drift`, `uncertainty` (of the curve as one number), `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
+//! `repeat` (a whole turn over a longer travel), `cycle_drift`, `uncertainty` (of the curve as one number), `sampling` (what targets cannot show) `orders` (figures of every order) and `monomial` (polynomials as others write them) stand beside.
 
 mod band;
 mod basis;
@@ -22,6 +22,7 @@ mod fitted;
 mod lanes;
 pub mod monomial;
 mod nested_models;
+mod orders;
 mod periods;
 mod repeat;
 mod request;
@@ -38,10 +39,11 @@ pub use cycle_drift::{Course, CycleDrift};
 pub use error::FitError;
 pub use figures::Figures;
 pub use fitted::{CurveFit, MeanReversal, Note, Outlier, ReversalFit};
+pub use orders::Orders;
 pub use periods::period_range;
 pub use repeat::{covers_turn, repeated};
 pub use request::{Basis, Drift, Period, Request, Reversal, Smoothing};
-pub use sampling::{COMMON_PITCHES, Hidden, hidden};
+pub use sampling::{COMMON_PITCHES, Hidden, few_positions, hidden};
 pub use select::highest_order;
 
 use volcomp_units::axes::Travel;

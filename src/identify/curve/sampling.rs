@@ -4,6 +4,9 @@
 //! offset (alias at zero). Targets farther apart than half a pitch show it as a slower wave (equations 5.9), unless their
 //! distances are unequal.
 
+use std::collections::HashSet;
+
+use crate::Reading;
 use volcomp_estimate::SpectralWindow;
 
 /// Pitches of ball screws in machine tools, mm.
@@ -21,6 +24,21 @@ pub struct Hidden {
     pub constant: Vec<f64>,
     /// Pitches whose error looks like another wave here.
     pub slower: Vec<f64>,
+}
+
+/// Targets of a positioning test are far fewer.
+const TARGETS_MAX: usize = 1 << 16;
+
+/// The distinct positions in any order; `None` where there are so many that they hide nothing.
+#[must_use]
+pub fn few_positions(readings: &[Reading]) -> Option<Vec<f64>> {
+    let mut seen = HashSet::new();
+    for reading in readings {
+        if seen.insert(reading.position.to_bits()) && seen.len() > TARGETS_MAX {
+            return None;
+        }
+    }
+    Some(seen.into_iter().map(f64::from_bits).collect())
 }
 
 /// Which of these pitches the targets cannot show; positions in any order, repeated ones count once.

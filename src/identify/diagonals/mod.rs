@@ -13,8 +13,9 @@
 //! common to the four and drops. Four equations, four unknowns: there is no residual; steps between the ends are
 //! the only check ([`Setup::displacement`]).
 //!
-//! Source: equations 5.3. Reading order: this file, [`runs`] (readings to end-to-end displacements).
+//! Source: equations 5.3. Reading order: this file, [`runs`] (readings to end-to-end displacements), [`measurement`].
 
+pub mod measurement;
 pub mod runs;
 
 use nalgebra::{Matrix3, Matrix4, Vector4};
@@ -290,9 +291,7 @@ impl Setup {
     pub fn covariance_of_model(&self, spec: &ModelSpec) -> Result<Matrix3<f64>, DiagonalsError> {
         let mut covariance = Matrix3::zeros();
         for symbol in angles().chain(straightnesses()) {
-            let Some(std) = spec.errors.iter().find(|(s, _)| *s == symbol).and_then(|(_, f)| f.std) else {
-                continue;
-            };
+            let Some(std) = spec.error(symbol).and_then(|f| f.std) else { continue };
             for ends in [[PROBE, 0.0], [0.0, PROBE]] {
                 let effect = Vec3::from(self.bias_of(spec, symbol, ends)?) * (std / PROBE);
                 covariance += effect * effect.transpose();

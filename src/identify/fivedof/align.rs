@@ -7,7 +7,8 @@
 //!
 //! Source: equations 5.2 (alignment), 4.2 ((6) and (11)).
 
-use super::{FiveDof, Head};
+use super::{FiveDof, Head, Readings};
+use crate::straightness::{Line, Rule};
 
 /// What fixes the slope of roll.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +39,35 @@ pub enum AlignError {
         /// Positions.
         found: usize,
     },
+}
+
+/// The stretch between the corner cubes over a run: beyond the noise the carriage bends, or the drift correction is wrong.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// RMS about a straight line, mm.
+    pub rms: f64,
+    /// What the noise explains of it, mm; 0 where that is not known.
+    pub expected: f64,
+    /// True where it is within the noise, or that is not known.
+    pub is_rigid: bool,
+}
+
+impl Stretch {
+    /// Of a run; positions mm.
+    #[must_use]
+    pub fn of(positions: &[f64], reduced: &[FiveDof], head: &Head, readings: &[Readings]) -> Self {
+        let stretch: Vec<f64> = reduced.iter().map(|r| r.stretch).collect();
+        let Ok(line) = Line::fit(positions, &stretch, Rule::LeastSquares) else {
+            return Self { rms: 0.0, expected: 0.0, is_rigid: true };
+        };
+        let dof = (positions.len() as f64 - 2.0).max(1.0);
+        let rms = (line.deviations(positions, &stretch).iter().map(|v| v * v).sum::<f64>() / dof).sqrt();
+        let n = readings.len() as f64;
+        let expected =
+            (readings.iter().map(|r| head.stretch_std(r.distance).powi(2)).sum::<f64>() / n).sqrt();
+        let limit = expected * (1.0 + 3.0 / (2.0 * reduced.len() as f64).sqrt());
+        Self { rms, expected, is_rigid: expected == 0.0 || rms <= limit }
+    }
 }
 
 /// Takes the lines through the end points out of a run; positions in any order, the reference is the lowest one.

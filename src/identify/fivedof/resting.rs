@@ -224,6 +224,20 @@ fn drift(blocks: &[Block<'_>], head: &Head, beam: usize, i: usize) -> Result<f64
 }
 
 impl Calibration {
+    /// By how many standard deviations the nearest gain lies above the halved one (d theta/2, as printed in paper 002).
+    #[must_use]
+    pub fn halved_gain_excluded(&self) -> f64 {
+        let gains = self.gain.as_flattened().iter();
+        gains.map(|g| (g.value - 0.5) / g.std.max(1e-12)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// True where the gain is a straight line over the distances, within three standard deviations of its test.
+    #[must_use]
+    pub fn is_straight(&self) -> bool {
+        let (chi2, dof) = (self.linearity.0, self.linearity.1 as f64);
+        chi2 <= dof + 3.0 * (2.0 * dof).sqrt()
+    }
+
     /// Gain, path and signs of the quadrant detector of a beam in direction `i`.
     fn find_lever(&mut self, blocks: &[Block<'_>], beam: usize, i: usize) -> Result<(), RestingError> {
         let (psd, qd) = (1 + beam, 4 - beam);

@@ -10,6 +10,7 @@ use nalgebra::{Matrix6, Vector6};
 use super::jacobi;
 use super::twist::{self, Deficient, Sighting, cross_matrix};
 use volcomp_model::geometry::{Mat3, Vec3, small_rotation};
+use volcomp_model::statistics::ChiSquare;
 
 /// A rigid motion `x -> rotation x + translation` found from points.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +67,44 @@ impl RigidFit {
     #[must_use]
     pub fn turn(&self, covariance: &Mat3) -> Mat3 {
         self.rotation * covariance * self.rotation.transpose()
+    }
+
+    /// Root mean square of a residual coordinate, mm.
+    #[must_use]
+    pub fn rms(&self) -> f64 {
+        let sum: f64 = self.residuals.iter().map(Vec3::norm_squared).sum();
+        (sum / (3.0 * self.residuals.len() as f64)).sqrt()
+    }
+
+    /// The point with the largest residual, and its length, mm.
+    #[must_use]
+    pub fn worst(&self) -> (usize, f64) {
+        let lengths = self.residuals.iter().map(Vec3::norm).enumerate();
+        lengths.fold((0, 0.0), |m, r| if r.1 > m.1 { r } else { m })
+    }
+
+    /// The test of the residuals against the noise that went in.
+    #[must_use]
+    pub const fn test(&self) -> ChiSquare {
+        ChiSquare { sum: self.chi2, dof: self.dof }
+    }
+
+    /// Noise of the residuals over the one that went in where that was exceeded, or where it was not stated.
+    fn scale(&self, is_stated: bool) -> f64 {
+        let factor = self.test().noise_factor().unwrap_or(1.0);
+        if is_stated { factor.max(1.0) } else { factor }
+    }
+
+    /// Standard deviations: of the centre (mm) and of the three rotations (rad), by stated noise or by the residuals.
+    #[must_use]
+    pub fn std(&self, is_stated: bool) -> [f64; 6] {
+        core::array::from_fn(|i| self.scale(is_stated) * self.covariance[(i, i)].sqrt())
+    }
+
+    /// What the registration does to the image of a point: standard deviation of its largest direction, mm, as in [`Self::std`].
+    #[must_use]
+    pub fn std_at(&self, image: &Vec3, is_stated: bool) -> f64 {
+        self.scale(is_stated) * self.covariance_at(image).symmetric_eigenvalues().max().sqrt()
     }
 
     /// What the uncertainty of the registration does to the image of a point: covariance, mm2.

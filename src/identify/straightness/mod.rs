@@ -82,6 +82,14 @@ pub enum LineError {
 }
 
 impl Line {
+    /// The lines of all rules.
+    ///
+    /// # Errors
+    /// See [`Self::fit`].
+    pub fn of_all_rules(x: &[f64], y: &[f64]) -> Result<Vec<(Rule, Self)>, LineError> {
+        Rule::ALL.into_iter().map(|rule| Ok((rule, Self::fit(x, y, rule)?))).collect()
+    }
+
     /// The reference line of `rule` through readings in any order.
     ///
     /// # Errors

@@ -5,10 +5,12 @@
 //!
 //! Source: analysis of variance.
 
+use super::{Line, Rule};
 use crate::Reading;
 use crate::reading::{group_by_position, repeatability};
 use volcomp_model::statistics::f_upper;
-use volcomp_units::axes::Travel;
+use volcomp_model::{Component, Sense};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// Probability of a scatter like the reversal below which both directions are kept.
 const SIGNIFICANCE: f64 = 0.01;
@@ -70,8 +72,8 @@ pub fn reversal(readings: &[Reading]) -> Reversal {
     }
 }
 
-/// Forward minus reverse at every target that has both, and its variance for readings of variance 1.
-fn pairs(readings: &[Reading]) -> Vec<(f64, f64)> {
+/// The targets, and at each sum and number of the readings forward and reverse.
+fn sums(readings: &[Reading]) -> (Vec<f64>, Vec<[(f64, usize); 2]>) {
     let (positions, group) = group_by_position(readings);
     let mut sums = vec![[(0.0, 0usize); 2]; positions.len()];
     for (r, &g) in readings.iter().zip(&group) {
@@ -79,6 +81,55 @@ fn pairs(readings: &[Reading]) -> Vec<(f64, f64)> {
         slot.0 += r.value;
         slot.1 += 1;
     }
+    (positions, sums)
+}
+
+/// The targets and the mean of the readings at each, both directions alike.
+#[must_use]
+pub fn means(readings: &[Reading]) -> (Vec<f64>, Vec<f64>) {
+    let (positions, sums) = sums(readings);
+    let mean = |both: [(f64, usize); 2]| {
+        let there: Vec<f64> = both.iter().filter(|(_, n)| *n > 0).map(|(s, n)| s / *n as f64).collect();
+        there.iter().sum::<f64>() / there.len() as f64
+    };
+    (positions, sums.into_iter().map(mean).collect())
+}
+
+/// The readings of a straightness about their reference line; every other component as it is. All are zero at the position
+/// nearest to home.
+#[must_use]
+pub fn gauged(mut readings: Vec<Reading>, component: Component, axis: AxisName, rule: Rule) -> Vec<Reading> {
+    let (x, mut y) = means(&readings);
+    let is_straightness = !component.is_angle() && component.index() != axis.direction();
+    if is_straightness && let Ok(line) = Line::fit(&x, &y, rule) {
+        y = line.deviations(&x, &y);
+        for r in &mut readings {
+            r.value -= line.intercept + line.slope * r.position;
+        }
+    }
+    let home = x.iter().zip(&y).min_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).map_or(0.0, |(_, v)| *v);
+    for r in &mut readings {
+        r.value -= home;
+    }
+    readings
+}
+
+/// The readings of an axis that carries the workpiece in the sense in which they are stored (equations 1.4).
+#[must_use]
+pub fn in_stored_sense(readings: Vec<Reading>, measured: Sense, stored: Sense) -> Vec<Reading> {
+    let sign = if measured == stored { 1.0 } else { -1.0 };
+    let one = |r: Reading| match stored {
+        Sense::Relative => Reading { value: sign * r.value, ..r },
+        Sense::Carriage => {
+            Reading { value: sign * r.value, position: -r.position, travel: r.travel.reversed(), ..r }
+        }
+    };
+    readings.into_iter().map(one).collect()
+}
+
+/// Forward minus reverse at every target that has both, and its variance for readings of variance 1.
+fn pairs(readings: &[Reading]) -> Vec<(f64, f64)> {
+    let (_, sums) = sums(readings);
     sums.iter()
         .filter(|[f, r]| f.1 > 0 && r.1 > 0)
         .map(|[f, r]| {
@@ -144,5 +195,30 @@ mod tests {
         };
         assert!((rms - 5e-3).abs() < 1e-3);
         assert!(as_one_direction(&data(1, 0.0, 2)).iter().all(|r| r.travel == Travel::Forward));
+    }
+
+    fn at(position: f64, value: f64, travel: Travel) -> Reading {
+        Reading { cycle: 1, travel, position, value }
+    }
+
+    #[test]
+    fn senses_of_an_axis_that_carries_the_workpiece() {
+        let readings = vec![at(100.0, 0.01, Travel::Forward)];
+        let of = |m, s| in_stored_sense(readings.clone(), m, s)[0];
+        assert_eq!(of(Sense::Carriage, Sense::Relative), at(100.0, -0.01, Travel::Forward));
+        assert_eq!(of(Sense::Carriage, Sense::Carriage), at(-100.0, 0.01, Travel::Reverse));
+        assert_eq!(of(Sense::Relative, Sense::Carriage), at(-100.0, -0.01, Travel::Reverse));
+        assert_eq!(of(Sense::Relative, Sense::Relative), at(100.0, 0.01, Travel::Forward));
+    }
+
+    #[test]
+    fn the_gauge_takes_slope_and_value_at_home() {
+        let line: Vec<Reading> =
+            [-100.0, 0.0, 100.0].map(|x| at(x, 0.5 + 1e-4 * x + x.abs() * 1e-3, Travel::Forward)).to_vec();
+        let straight = gauged(line.clone(), Component::Y, AxisName::X, Rule::EndPoint);
+        let expected = [0.1, 0.0, 0.1];
+        assert!(straight.iter().zip(expected).all(|(r, e)| (r.value - e).abs() < 1e-12), "{straight:?}");
+        let scale = gauged(line, Component::X, AxisName::X, Rule::EndPoint);
+        assert!((scale[2].value - 0.11).abs() < 1e-12 && scale[1].value == 0.0);
     }
 }

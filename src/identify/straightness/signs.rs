@@ -210,10 +210,33 @@ impl SignTable {
         })
     }
 
+    /// Takes in what a tilt test found.
+    ///
+    /// # Errors
+    /// The first channel that the table assigns otherwise, with its assignment there and what was found.
+    pub fn confirm(
+        &mut self,
+        found: &[Option<TiltFound>; 6],
+    ) -> Result<(), (Channel, Assignment, TiltFound)> {
+        for ((channel, slot), f) in Channel::ALL.into_iter().zip(&mut self.channels).zip(found) {
+            match (*slot, f) {
+                (Some(a), Some(f)) if a != f.assignment => return Err((channel, a, *f)),
+                (_, Some(f)) => *slot = Some(f.assignment),
+                (_, None) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// The angles that would turn against a right-handed frame.
+    pub fn left_handed(&self) -> impl Iterator<Item = Channel> + use<> {
+        Channel::ALL.into_iter().skip(3).zip(self.parity()).filter(|(_, p)| *p == Some(false)).map(|(c, _)| c)
+    }
+
     /// True where every angle that can be judged is right-handed.
     #[must_use]
     pub fn is_right_handed(&self) -> bool {
-        self.parity().iter().all(|p| p.unwrap_or(true))
+        self.left_handed().next().is_none()
     }
 
     /// Channel readings to EX EY EZ EA EB EC; components without a channel are `None`.

@@ -55,6 +55,27 @@ pub struct PlanRow {
     pub geometry: Geometry,
 }
 
+impl PlanRequest {
+    /// From the tracker to the middle of the points with the axis at a position, mm.
+    #[must_use]
+    pub fn distance(&self, position: f64) -> f64 {
+        let sign = if self.workpiece_side { -1.0 } else { 1.0 };
+        let mut at: Vec3 = self.origin - self.station;
+        at[self.axis.direction()] += sign * position;
+        let mean = self.points.iter().sum::<Vec3>() / self.points.len() as f64;
+        (at + mean).norm()
+    }
+}
+
+impl PlanRow {
+    /// Runs there and back for all wanted angles (EA, EB, EC), one at least; none where the target of one is below what can be reached.
+    #[must_use]
+    pub fn runs_for(&self, wanted: &[bool; 3]) -> Option<u32> {
+        let mut wanted = (0..3).filter(|i| wanted[*i]);
+        wanted.try_fold(1, |most, i| Some(most.max(self.runs[i]?)))
+    }
+}
+
 /// The plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
@@ -118,10 +139,7 @@ pub fn plan(request: &PlanRequest) -> Result<Plan, PlanError> {
         let Some((_, next)) = next else { break };
         chosen.push(next);
     }
-    let readings = |r: &PlanRow| -> Option<u64> {
-        let runs = (0..3).filter(|i| request.wanted[*i]).map(|i| r.runs[i]).collect::<Option<Vec<u32>>>()?;
-        Some(u64::from(runs.into_iter().max().unwrap_or(1)) * r.chosen.len() as u64)
-    };
+    let readings = |r: &PlanRow| Some(u64::from(r.runs_for(&request.wanted)?) * r.chosen.len() as u64);
     let best = (0..rows.len()).filter_map(|i| Some((readings(&rows[i])?, i))).min().map(|(_, i)| i);
     Ok(Plan { rows, coverage, best })
 }

@@ -5,7 +5,7 @@
 use super::{PoseErrors, Seen, ThreePointError, solve as solve_pose, suspect};
 use crate::motion::MotionRow;
 use volcomp_model::geometry::{Vec3, unit};
-use volcomp_model::statistics::chi_square_upper;
+use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
 use volcomp_units::axes::{AxisName, Travel};
 
 /// The points seen once at one position.
@@ -53,6 +53,44 @@ pub struct SeriesFit {
     pub noise_factor: Option<f64>,
     /// The carriage point that explains most of the misfit, and by what factor less is left than with the next one.
     pub suspect: Option<(usize, f64)>,
+}
+
+impl SeriesFit {
+    /// Where the residuals are larger than the stated noise, or none was stated, the covariances follow the residuals.
+    pub fn scale_by_misfit(&mut self, noise_is_stated: bool) {
+        let Some(factor) = self.noise_factor else { return };
+        let factor = if noise_is_stated { factor.max(1.0) } else { factor };
+        for row in &mut self.rows {
+            row.covariance *= factor * factor;
+        }
+    }
+
+    /// Positions that fail the test on their own, with their rows.
+    fn failures(&self) -> impl Iterator<Item = (usize, &PoseErrors)> {
+        self.poses.iter().enumerate().filter(|(_, p)| p.p_value < SIGNIFICANT)
+    }
+
+    /// Number of positions that fail the test on their own.
+    #[must_use]
+    pub fn failing(&self) -> usize {
+        self.failures().count()
+    }
+
+    /// Index of the row that fails most.
+    #[must_use]
+    pub fn worst_row(&self) -> Option<usize> {
+        self.failures().max_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).map(|(i, _)| i)
+    }
+
+    /// Largest difference of the linear and the rigid model, mm and rad. On unweighted data it has no meaning where weights
+    /// differ; here it bounds both causes together.
+    #[must_use]
+    pub fn linear_against_rigid(&self) -> (f64, f64) {
+        self.poses.iter().fold((0.0, 0.0), |(d, e), p| {
+            let difference = p.motion - p.rigid;
+            (d.max(difference.fixed_rows::<3>(0).amax()), e.max(difference.fixed_rows::<3>(3).amax()))
+        })
+    }
 }
 
 /// A position that cannot be solved.

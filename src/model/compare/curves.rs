@@ -66,7 +66,7 @@ pub(super) fn differences(pair: &Pair<'_>) -> Vec<ErrorDifference> {
 }
 
 fn difference(pair: &Pair<'_>, symbol: ErrorSymbol) -> Option<ErrorDifference> {
-    let functions = pair.specs.map(|s| s.errors.iter().find(|(other, _)| *other == symbol).map(|(_, f)| f));
+    let functions = pair.specs.map(|s| s.error(symbol));
     if functions[0] == functions[1] && same_sense(pair, symbol.axis()) {
         return None;
     }

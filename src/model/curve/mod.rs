@@ -158,10 +158,27 @@ impl ErrorFunction {
         Self { curves: vec![curve], ..Self::default() }
     }
 
+    /// With what was found beyond it; `std` is the standard uncertainty (k = 1) of that. A constant that was found beyond a
+    /// constant was measured anew as a whole.
+    #[must_use]
+    pub fn with(mut self, more: Curve, std: f64) -> Self {
+        if let ([Curve::Constant(value)], Curve::Constant(more)) = (&mut self.curves[..], &more) {
+            *value += more;
+            return Self { std: Some(std), ..self };
+        }
+        self.curves.push(more);
+        Self { std: Some(self.std.unwrap_or(0.0).hypot(std)), ..self }
+    }
+
     /// The part that depends on the axis itself, at `position`, each curve held at the ends of its own range.
     #[must_use]
     pub fn value(&self, position: f64, travel: Travel) -> f64 {
         self.curves.iter().map(|c| c.value(position, travel)).sum()
+    }
+
+    /// The part of the grids; `at` gives the coordinate of an axis.
+    pub fn grids_value(&self, at: impl Fn(AxisName) -> f64) -> f64 {
+        self.grids.iter().map(|grid| grid.value(&grid.axes().map(&at).collect::<Vec<_>>()).0).sum()
     }
 
     /// The range that all curves cover; `None` where all hold everywhere.

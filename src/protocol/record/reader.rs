@@ -87,7 +87,31 @@ pub struct Recording<'a> {
     entries: Vec<(u64, Block<'a>)>,
 }
 
+impl Note {
+    /// Number behind the last entry of the damaged blocks.
+    #[must_use]
+    pub fn known_end<'n>(notes: impl Iterator<Item = &'n Self>) -> u64 {
+        let end = |note: &Self| match note {
+            Self::Content { first_record, records, .. } => first_record.saturating_add(u64::from(*records)),
+            _ => 0,
+        };
+        notes.map(end).max().unwrap_or_default()
+    }
+}
+
 impl<'a> Recording<'a> {
+    /// Number behind the last entry of the file, from its index and the notes of its reader.
+    ///
+    /// # Errors
+    /// In words: why it is not known.
+    pub fn end<'n>(&self, notes: impl Iterator<Item = &'n Note>) -> Result<u64, &'static str> {
+        if !self.closed {
+            return Err("it was not closed: its end is missing, or it is still being written");
+        }
+        let last = self.index_end.ok_or("its index is damaged, so its end is not known")?;
+        Ok(last.max(Note::known_end(notes)))
+    }
+
     /// Finds the blocks of a file.
     ///
     /// # Errors

@@ -12,8 +12,8 @@ use volcomp_diagnose::session::Session;
 use charts::Figure;
 
 use super::terms::{
-    Compensable, Shares, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent,
-    remedy, sorted, um, with_names, with_uncertainty,
+    Compensable, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent, remedy,
+    um, with_names, with_uncertainty,
 };
 
 /// Least probability of a cause that is not declared and gets a picture.
@@ -114,7 +114,7 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     let r = &found.report;
     page.heading("Causes");
     let shown = r.causes.iter().filter(|c| c.declared || c.probability >= CANDIDATE).take(14);
-    let shown = sorted(&found.budget, shown);
+    let shown = found.budget.sorted(shown);
     if shown.is_empty() {
         page.paragraph("None: no effect of the library is significant in these data.");
         return;
@@ -193,7 +193,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable) -> Vec<Cel
 fn waterfall(page: &mut Page, found: &Diagnosis) {
     let b = &found.budget;
     page.heading("From the gap to the noise");
-    let shares = Shares::of(b);
+    let shares = b.shares();
     let mut rows = vec![Bar {
         label: "Gap as measured".to_owned(),
         from: 0.0,
@@ -236,7 +236,7 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
 
 /// The largest fitted curves and measured against predicted; gives the figures for which the first sheet has no room.
 fn fitted(page: &mut Page, found: &Diagnosis) -> Vec<Figure> {
-    let declared = sorted(&found.budget, found.report.causes.iter().filter(|c| c.declared));
+    let declared = found.budget.sorted(found.report.causes.iter().filter(|c| c.declared));
     let mut figures: Vec<Figure> = declared.into_iter().flat_map(|c| curves(found, c)).collect();
     let names_causes = !found.budget.names_no_cause();
     let agreement = names_causes.then(|| charts::measured_and_predicted(found)).flatten();
@@ -347,7 +347,7 @@ fn unexplained(page: &mut Page, found: &Diagnosis) {
     page.paragraph(format!(
         "{} µm RMS, {} of the mean square of the gap: {}.",
         um(b.unexplained_um),
-        percent(Shares::of(b).unexplained),
+        percent(b.shares().unexplained),
         with_names(&looks)
     ));
     let places = u

@@ -124,12 +124,10 @@ impl Survey {
                 (Some(desired), Some(actual)) => channels.push(Channel { axis: *axis, desired, actual }),
                 (desired, _) => {
                     let lost = if desired.is_none() { "DES_POS" } else { "ENC_POS" };
-                    return Err(Failure::data(
+                    let known = known();
+                    return Err(data!(
                         path,
-                        format_args!(
-                            "no signal {lost}|{number}; --axes names axes of the capture: {}",
-                            known()
-                        ),
+                        "no signal {lost}|{number}; --axes names axes of the capture: {known}"
                     ));
                 }
             }

@@ -2,10 +2,10 @@
 
 use core::f64::consts::PI;
 
-use super::{InstrumentArgs, Measurement, Rows};
+use super::{InstrumentArgs, Measurement, Rows, ways};
 use crate::prelude::*;
 use volcomp_diagnose::session::Times;
-use volcomp_identify::ballbar::{Plane, Sample, cut_overshoot};
+use volcomp_identify::ballbar::{Plane, Sample, within_overshoot};
 
 /// Length of the most common ballbar, mm.
 const RADIUS_MM: f64 = 150.0;
@@ -14,7 +14,7 @@ const RADIUS_MM: f64 = 150.0;
 const TURNING: f64 = 1e-9;
 
 pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
-    let (samples, lines) = samples(path, args)?;
+    let (lines, samples): (Vec<u64>, Vec<Sample>) = samples(path, args)?.into_iter().unzip();
     let plane = args.plane.unwrap_or(Plane::Xy);
     let radius = args.radius_mm.unwrap_or(RADIUS_MM);
     let centre = args.centre_mm.unwrap_or_else(Vec3::zeros);
@@ -84,8 +84,7 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     }
     let times = if fed { Times::Nominal } else { Times::Ordinal };
     let mut found = Measurement::new(rows, times, "circular test (angle, deviation, direction)");
-    let both = [Travel::Forward, Travel::Reverse].iter().all(|w| samples.iter().any(|s| s.travel == *w));
-    let ways = if both { "both directions" } else { "one direction" };
+    let ways = ways(samples.iter().map(|s| s.travel));
     let stated = |given: bool, option: &str| {
         if given { String::new() } else { format!(" (assumed; {option} states it)") }
     };
@@ -114,43 +113,32 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     Ok(found)
 }
 
-/// The readings without overshoot, and the line of each.
-fn samples(path: &Path, args: &InstrumentArgs) -> Result<(Vec<Sample>, Vec<u64>)> {
+/// The readings without overshoot, each with its line.
+fn samples(path: &Path, args: &InstrumentArgs) -> Result<Vec<(u64, Sample)>> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
     table.only(&["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"])?;
-    let (mut all, mut lines) = (Vec::new(), Vec::new());
-    while table.advance()? {
+    let all = table.rows(|table| {
         let feed_mm_per_min = feed.map(|c| table.number(c)).transpose()?.or(args.feed_mm_per_min);
         if let (Some(bad), Some(c)) = (feed_mm_per_min.filter(|f| *f <= 0.0), feed) {
             return Err(table.fail(c, format_args!("{bad} is no feed; it is above 0 mm/min")));
         }
-        all.push(Sample {
+        let sample = Sample {
             angle: rad_from_deg(table.number(angle)?),
             deviation: mm_from_um(table.number(deviation)?),
             travel: table.travel(direction)?,
             feed: feed_mm_per_min.map(|f| f / 60.0),
             run: run.map_or(Ok(0), |c| table.count(c))?,
-        });
-        lines.push(table.line());
-    }
-    let kept = cut_overshoot(&all, None);
+        };
+        Ok((table.line(), sample))
+    })?;
+    let kept = within_overshoot(&all.iter().map(|(_, s)| *s).collect::<Vec<_>>(), None);
     if kept.is_empty() {
         return Err(data!(path, "no data rows below the header"));
     }
-    // what is kept keeps its order
-    let mut at = 0;
-    let mut kept_lines = Vec::with_capacity(kept.len());
-    for s in &kept {
-        while all.get(at).is_some_and(|other| other != s) {
-            at += 1;
-        }
-        kept_lines.push(lines.get(at).copied().unwrap_or_default());
-        at += 1;
-    }
-    Ok((kept, kept_lines))
+    Ok(kept.into_iter().map(|i| all[i]).collect())
 }
 
 /// From one angle to another the short way, rad.

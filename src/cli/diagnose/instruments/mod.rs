@@ -18,7 +18,7 @@ use crate::import::DEVIATION_UNITS;
 use crate::prelude::*;
 use volcomp_diagnose::session::{Note, Raw, Times};
 use volcomp_formats::rtl::DeviationUnit;
-use volcomp_formats::{detect, hole_plate, text};
+use volcomp_formats::{detect, hole_plate, reflector_poses, text};
 use volcomp_identify::ballbar::Plane;
 
 /// What files of instruments do not state.
@@ -138,7 +138,7 @@ pub(super) fn recognised(
     if hole_plate::recognises(start) {
         return plate::cmm_list(path).map(Some);
     }
-    if let Some(poses) = unsuitable::reflector_triples(start) {
+    if let Some(poses) = reflector_poses::recognise(start) {
         return Err(unsuitable::robot(path, &poses));
     }
     if has("cycle") && (has("target_mm") || has("target_deg")) {
@@ -185,6 +185,12 @@ impl Rows {
         self.raw.instruments.push(instrument.to_owned());
         self.raw.lines.push(line);
     }
+}
+
+/// In how many directions was measured, in words.
+fn ways(travels: impl Iterator<Item = Travel> + Clone) -> &'static str {
+    let both = [Travel::Forward, Travel::Reverse].iter().all(|way| travels.clone().any(|t| t == *way));
+    if both { "both directions" } else { "one direction" }
 }
 
 /// Unit vector along x, y or z.

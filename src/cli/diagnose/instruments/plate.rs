@@ -1,7 +1,6 @@
 //! Plates: lists of hole or ball positions from a CMM, drilled by the machine or measured on it.
 
 use super::{Measurement, Rows, along};
-use crate::positioning_data::format_failure;
 use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_evaluate::PlatePoint;
@@ -34,7 +33,7 @@ pub(super) fn table(path: &Path) -> Result<Measurement> {
     let diameter = table.find("nominal_diameter_mm");
     let mut rows = Rows::new(path, COLUMNS.split(' '));
     let (mut count, mut repeats) = (0, Repeats::default());
-    while table.advance()? {
+    table.some_rows(|table| {
         let at = |column: usize| table.number(column);
         let nominal = [at(nominal[0])?, at(nominal[1])?];
         let v = [at(values[0])?, at(values[1])?];
@@ -43,10 +42,8 @@ pub(super) fn table(path: &Path) -> Result<Measurement> {
         let repeat = repeats.next(nominal);
         hole_rows(&mut rows, count, table.line(), repeat, &PlatePoint { nominal, measured }, diameter);
         count += 1;
-    }
-    if count == 0 {
-        return Err(crate::positioning_data::no_rows(table.file()));
-    }
+        Ok(())
+    })?;
     Ok(finished(rows, count, "plate (nominal and measured positions)"))
 }
 

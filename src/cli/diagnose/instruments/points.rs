@@ -5,21 +5,15 @@
 //! diagnosis refines by its small rotation; deviations are actual - nominal in M (equations 1.1). A tracker's are given along,
 //! across and above the beam, because range and angles scatter differently.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
 use super::{Measurement, Rows};
-use crate::numerals::counted;
-use crate::quantities::position_unit;
-use crate::{Failure, table};
+use crate::prelude::*;
 use volcomp_diagnose::session::{Raw, Times};
 use volcomp_effects::machine_state::Light;
 use volcomp_identify::primitives::procrustes;
 use volcomp_identify::threepoint::Observation;
-use volcomp_model::geometry::{Mat3, Vec3};
-use volcomp_model::{Model, Pose, Side};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{RAD_PER_DEG, um_from_mm};
+use volcomp_model::Pose;
+use volcomp_model::geometry::Mat3;
+use volcomp_units::RAD_PER_DEG;
 
 const CARTESIAN: [&str; 3] = ["measured_x_mm", "measured_y_mm", "measured_z_mm"];
 const SPHERICAL: [&str; 3] = ["measured_range_mm", "measured_azimuth_deg", "measured_elevation_deg"];
@@ -68,7 +62,7 @@ struct Setup {
 }
 
 /// Reads the points; `model` places the tool tip.
-pub(super) fn read(path: &Path, model: Option<&Model>) -> Result<Measurement, Failure> {
+pub(super) fn read(path: &Path, model: Option<&Model>) -> Result<Measurement> {
     let mut table = table::open(path)?;
     let mut raw = super::super::input::read(&mut table)?;
     for (name, axis) in NOMINAL.iter().zip(["x_mm", "y_mm", "z_mm"]) {
@@ -82,8 +76,7 @@ pub(super) fn read(path: &Path, model: Option<&Model>) -> Result<Measurement, Fa
         raw.instruments.fill(TRACKER.to_owned());
     }
     let measured = measured(&raw)?;
-    let nominal: Vec<Nominal> =
-        (0..raw.len()).map(|i| nominal(&raw, i, model)).collect::<Result<_, Failure>>()?;
+    let nominal: Vec<Nominal> = (0..raw.len()).map(|i| nominal(&raw, i, model)).collect::<Result<_>>()?;
     let mut setups: BTreeMap<i64, Setup> = BTreeMap::new();
     let mut repeats = Vec::with_capacity(raw.len());
     for (i, (point, at)) in measured.iter().zip(&nominal).enumerate() {
@@ -142,7 +135,7 @@ fn value(raw: &Raw, name: &str, row: usize, otherwise: f64) -> f64 {
 }
 
 /// The points in the frame of the instrument, mm; none where nothing was measured.
-fn measured(raw: &Raw) -> Result<Vec<Option<Vec3>>, Failure> {
+fn measured(raw: &Raw) -> Result<Vec<Option<Vec3>>> {
     let has = |names: [&str; 3]| names.iter().all(|n| raw.column(n).is_some());
     let is_cartesian = has(CARTESIAN);
     let names = if is_cartesian { CARTESIAN } else { SPHERICAL };
@@ -174,7 +167,7 @@ fn measured(raw: &Raw) -> Result<Vec<Option<Vec3>>, Failure> {
     (0..raw.len()).map(at).collect()
 }
 
-fn nominal(raw: &Raw, row: usize, model: Option<&Model>) -> Result<Nominal, Failure> {
+fn nominal(raw: &Raw, row: usize, model: Option<&Model>) -> Result<Nominal> {
     let mut coordinates = Vec::with_capacity(3);
     for axis in AxisName::ALL {
         let name = column_of(axis);
@@ -241,7 +234,7 @@ impl Setup {
         measured: &[Option<Vec3>],
         nominal: &[Nominal],
         out: &mut [Option<([Reading; 3], Vec3)>],
-    ) -> Result<String, Failure> {
+    ) -> Result<String> {
         let from: Vec<Vec3> = self.rows.iter().filter_map(|i| measured[*i]).collect();
         let to: Vec<Vec3> = self.rows.iter().map(|i| nominal[*i].in_w).collect();
         let (rotation, translation) = procrustes(&from, &to).ok_or_else(|| {

@@ -3,7 +3,7 @@
 
 use std::io::Cursor;
 
-use super::{InstrumentArgs, Measurement, Rotary, Rows, along};
+use super::{InstrumentArgs, Measurement, Rotary, Rows, along, ways};
 use crate::input::text_of;
 use crate::positioning_data::{Test, instrument_test, parse_csv};
 use crate::prelude::*;
@@ -139,9 +139,7 @@ fn clock(test: &PositioningTest, span_s: Option<f64>) -> (Times, Box<dyn Fn(usiz
 fn describe(found: &mut Measurement, test: &PositioningTest, axis: AxisName) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
     let cycles: BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
-    let both =
-        [Travel::Forward, Travel::Reverse].iter().all(|t| test.readings.iter().any(|r| r.travel == *t));
-    let ways = if both { "both directions" } else { "one direction" };
+    let ways = ways(test.readings.iter().map(|r| r.travel));
     found.notes.insert(
         0,
         format!(

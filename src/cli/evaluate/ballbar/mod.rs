@@ -3,14 +3,13 @@
 mod report;
 mod trend;
 
-use super::circular::{assessed, keys, reading};
+use super::circular::{assessed, keys};
 use super::{Output, page};
-use crate::acceptance::{Acceptance, Judged, Stated, file_name};
 use crate::evaluate::picture::circular::{self as drawing, Shown};
 use crate::identify::ballbar::report::{as_json, print};
-use crate::identify::ballbar::{Plan, SetUp};
+use crate::identify::ballbar::{Plan, SetUp, reading};
 use crate::prelude::*;
-use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity};
+use volcomp_evaluate::{CircularReading, CircularUncertainties, Circularity};
 use volcomp_formats::columns::day;
 use volcomp_identify::ballbar::Plane;
 
@@ -99,13 +98,7 @@ fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::Circu
     let one = |feed: Option<f64>| {
         let samples = plan.circles.samples.iter().filter(|s| s.feed == feed);
         let readings: Vec<CircularReading> = samples.map(reading).collect();
-        let centring = Centring::LeastSquares { radius: Some(plan.circles.radius) };
-        let mut about_offset = readings.clone();
-        for r in &mut about_offset {
-            r.deviation -= offset[0] * r.angle.cos() + offset[1] * r.angle.sin();
-        }
-        let result = Circularity::evaluate(&readings, centring)
-            .or_else(|_| Circularity::evaluate(&about_offset, Centring::None))?;
+        let result = Circularity::about(&readings, plan.circles.radius, offset)?;
         // mm/s in the analysis, mm/min for people, without the rounding of the way there and back
         Ok(Circle { feed: feed.map(|f| (60e6 * f).round() / 1e6), readings, result })
     };

@@ -2,15 +2,12 @@
 
 use super::trend::Trend;
 use super::{Test, shown};
-use crate::acceptance::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
-use crate::identify::ballbar::report::{
-    Feature, confounded, features, note_text, reason_text, roundness, unit_of, widest, with_limits,
-};
+use crate::identify::ballbar::report::{note_text, reason_text, roundness, unit_of, with_limits};
 use crate::prelude::*;
 use crate::report_page::{Plot, Style};
-use volcomp_identify::ballbar::{Effect, Estimate, Plane};
+use volcomp_identify::ballbar::{Effect, Estimate, Feature, Plane};
 
 /// Causes whose course over the tests is drawn.
 const COURSES: usize = 5;
@@ -97,7 +94,7 @@ pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_state
 fn causes(page: &mut Page, test: &Test) {
     let (a, plane) = (&test.plan.analysis, test.plan.circles.plane);
     page.sheet("Causes by rank");
-    let values = |e: &Estimate| features(a, e).iter().map(value).joined("; ");
+    let values = |e: &Estimate| a.features(e).iter().map(value).joined("; ");
     let significant = || a.estimates.iter().filter(|e| e.significant);
     page.bars(significant().map(|e| {
         let percent = 100.0 * e.share;
@@ -121,12 +118,12 @@ fn causes(page: &mut Page, test: &Test) {
     }
     let round = roundness(&test.plan);
     if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {
-        let [all, rest] = [all, rest].map(|c| um_from_mm(widest(c)));
+        let [all, rest] = [all, rest].map(|c| um_from_mm(c.widest()));
         page.paragraph(format_args!(
             "Circular error of all readings {all:.2} µm; {rest:.2} µm of the residuals, which no cause explains."
         ));
     }
-    for (one, other, c) in confounded(a) {
+    for (one, other, c) in a.confounded() {
         let (one, other) = (name(one), name(other));
         page.note(format_args!(
             "Confounded: {one} and {other} are strongly correlated in these data ({c:.2})."

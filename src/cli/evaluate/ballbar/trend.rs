@@ -2,9 +2,9 @@
 
 use super::Test;
 use super::report::named;
-use crate::identify::ballbar::report::{COVERAGE, Feature, decimals_of, features, unit_of};
+use crate::identify::ballbar::report::{COVERAGE, decimals_of, unit_of};
 use crate::prelude::*;
-use volcomp_identify::ballbar::Effect;
+use volcomp_identify::ballbar::{Effect, Feature};
 
 /// One quantity over the tests.
 pub(super) struct Course {
@@ -86,7 +86,7 @@ fn once<T>(items: impl Iterator<Item = T>, same: impl Fn(&T, &T) -> bool) -> Vec
 /// The values of an effect over the tests, one course for each end of travel.
 fn courses_of(tests: &[Test], effect: Effect) -> Vec<Course> {
     let of = |t: &Test| -> Vec<Feature> {
-        t.plan.analysis.estimate(effect).map(|e| features(&t.plan.analysis, e)).unwrap_or_default()
+        t.plan.analysis.estimate(effect).map(|e| t.plan.analysis.features(e)).unwrap_or_default()
     };
     let all: Vec<Vec<Feature>> = tests.iter().map(of).collect();
     let names = once(all.iter().rev().flatten(), |a, b| a.name == b.name);

@@ -42,12 +42,6 @@ impl Sensors {
         sensors
     }
 
-    /// Name of a column.
-    pub(super) fn column(&self, k: usize) -> String {
-        let Sensor { name, angle, .. } = &self.all[k];
-        format!("live_{name}_{}", if *angle { "arcsec" } else { "um" })
-    }
-
     /// The engine goes on with this model; `None`: with the first.
     pub(super) fn switch(&mut self, model: Option<[u8; 32]>) {
         let found = model.and_then(|hash| self.models.iter().position(|(known, _)| *known == hash));
@@ -68,9 +62,9 @@ impl Sensors {
         }
     }
 
-    /// What each sensor told last, um or arcsec.
-    pub(super) fn values(&self) -> impl Iterator<Item = Option<f64>> {
-        self.all.iter().map(|sensor| sensor.told)
+    /// Every sensor with its unit and what it told last.
+    pub(super) fn values(&self) -> impl Iterator<Item = (&str, &'static str, Option<f64>)> {
+        self.all.iter().map(|s| (s.name.as_str(), if s.angle { "arcsec" } else { "um" }, s.told))
     }
 }
 
@@ -105,14 +99,12 @@ mod tests {
                  [errors.exx.live]\nsensor = \"Ram 1\"\nlimit-um = 50\n",
             ),
         ]);
-        let columns: Vec<String> = (0..sensors.all.len()).map(|k| sensors.column(k)).collect();
-        assert_eq!(columns.len(), 2);
-        assert_eq!(columns[0], "live_ram_1_um");
-        assert_eq!(columns[1], "live_tilt_arcsec");
+        let columns: Vec<_> = sensors.values().map(|(name, unit, _)| (name.to_owned(), unit)).collect();
+        assert_eq!(columns, [("ram_1".to_owned(), "um"), ("tilt".to_owned(), "arcsec")]);
         let mut values = [0.0; LIVE_MAX];
         values[0] = 0.004;
         sensors.update(1, &values);
-        let told = |s: &Sensors| s.values().collect::<Vec<_>>();
+        let told = |s: &Sensors| s.values().map(|(.., told)| told).collect::<Vec<_>>();
         assert_eq!(told(&sensors), [Some(4.0), None]);
         sensors.switch(Some([2; 32]));
         assert_eq!(told(&sensors), [None, None]);

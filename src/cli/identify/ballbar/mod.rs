@@ -2,10 +2,7 @@
 
 pub(crate) mod report;
 
-use crate::arg_parsers::numbers;
-use crate::identify::{Found, Front, Method, columns};
-use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::circular::CircularReading;
 use volcomp_identify::assemble::mirrored_curve;
@@ -155,11 +152,7 @@ impl Known {
 
     /// Subtracts the predicted radial deviation from every reading.
     fn subtract(&self, circles: &mut Circles, centre_mm: Vec3) -> Result<(), String> {
-        let readings: Vec<CircularReading> = circles
-            .samples
-            .iter()
-            .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
-            .collect();
+        let readings: Vec<CircularReading> = circles.samples.iter().map(reading).collect();
         let circle = (centre_mm, circles.radius);
         let axes = circles.plane.axes();
         let predicted = predict(&self.model, &[0.0; SENSORS_MAX], &readings, circle, axes, false)
@@ -267,25 +260,34 @@ fn request(args: &SetUp, plane: Plane) -> Request {
     Request { pitch: plane.axes().map(of), spike_time: args.spike_ms.map(|ms| ms / 1e3) }
 }
 
-fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
+/// The reading of a sample.
+pub(crate) const fn reading(s: &Sample) -> CircularReading {
+    CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel }
+}
+
+/// The samples of a circular test, each with its line; feeds as written, mm/min.
+pub(crate) fn lines_and_samples(path: &Path) -> Result<Vec<(u64, Sample)>> {
     let mut table = columns::open(path)?;
     let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    table.only(|_| format!("columns are {}", table.known.join(", ")))?;
-    let (lines, samples): (Vec<u64>, Vec<Sample>) = table
-        .rows(|row| {
-            let feed = feed.map(|c| row.value(c)).transpose()?.or(args.feed_mm_per_min);
-            let sample = Sample {
-                angle: row.value(angle)?,
-                deviation: row.value(deviation)?,
-                travel: row.travel(Some(direction))?,
-                feed: feed.map(|f| f / 60.0),
-                run: row.count(run)?,
-            };
-            Ok((row.line(), sample))
-        })?
-        .into_iter()
-        .unzip();
+    table.only_known()?;
+    table.rows(|row| {
+        let sample = Sample {
+            angle: row.value(angle)?,
+            deviation: row.value(deviation)?,
+            travel: row.travel(Some(direction))?,
+            feed: feed.map(|c| row.value(c)).transpose()?,
+            run: row.count(run)?,
+        };
+        Ok((row.line(), sample))
+    })
+}
+
+fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
+    let (lines, mut samples): (Vec<u64>, Vec<Sample>) = lines_and_samples(path)?.into_iter().unzip();
+    for sample in &mut samples {
+        sample.feed = sample.feed.or(args.feed_mm_per_min).map(|f| f / 60.0);
+    }
     with_direction(path, &lines, &samples)?;
     let samples = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
     let centre = plane.axes().map(|a| args.centre()[a.direction()]);
@@ -322,42 +324,13 @@ fn add(model: &mut ModelFile, found: &Assembled, from: Provenance) {
     let axis = found.symbol.axis();
     let mirrors = model.spec.is_mirrored(axis) && matches!(found.symbol, ErrorSymbol::Motion { .. });
     let curve = if mirrors { mirrored_curve(&found.curve) } else { found.curve.clone() };
-    let old = model.spec.errors.iter().find(|(s, _)| *s == found.symbol).map(|(_, f)| f.clone());
-    let function = match old {
+    let function = match model.spec.error(found.symbol) {
         None => ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) },
-        Some(old) => sum(old, curve, found.std),
+        Some(old) => old.clone().with(curve, found.std),
     };
-    let old = model.of_errors.iter().find(|(s, _)| *s == found.symbol).map(|(_, p)| p.clone());
-    put(model, found.symbol, function, old.map_or_else(|| from.clone(), |old| joined(&old, &from)));
-    axis_entry(&mut model.spec, axis);
-}
-
-/// An error of a model with what was found beyond it.
-fn sum(mut old: ErrorFunction, more: Curve, std: f64) -> ErrorFunction {
-    if let ([Curve::Constant(value)], Curve::Constant(more)) = (&mut old.curves[..], &more) {
-        // measured anew as a whole
-        *value += more;
-        return ErrorFunction { std: Some(std), ..old };
-    }
-    old.curves.push(more);
-    ErrorFunction { std: Some(old.std.unwrap_or(0.0).hypot(std)), ..old }
-}
-
-/// The sources of both.
-fn joined(old: &Provenance, new: &Provenance) -> Provenance {
-    let entries = |p: &Provenance| {
-        if !p.sources.is_empty() || (p.source.is_none() && p.source_hash.is_none()) {
-            return p.sources.clone();
-        }
-        vec![SourceEntry {
-            source: p.source.clone(),
-            source_hash: p.source_hash.clone(),
-            instrument: p.instrument.clone(),
-            date: p.date.clone(),
-        }]
-    };
-    let sources = [entries(old), entries(new)].concat();
-    Provenance { source: None, source_hash: None, sources, ..old.clone() }
+    let from = model.origin_of(found.symbol).map(|old| old.joined(&from)).unwrap_or(from);
+    model.put(found.symbol, function, from);
+    model.spec.axis_mut(axis);
 }
 
 #[cfg(test)]

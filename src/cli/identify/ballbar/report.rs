@@ -1,27 +1,11 @@
 //! What `volcomp identify ballbar` says: JSON with the names and units of ballbar result files, a table for people.
 
-use super::Plan;
+use super::{Plan, reading};
 use crate::prelude::*;
-use volcomp_evaluate::{Centring, CircularReading, Circularity};
+use volcomp_evaluate::{CircularReading, Circularity};
 use volcomp_identify::ballbar::{
-    Analysis, Effect, End, Estimate, Harmonic, LengthChange, Note, Plane, Reason, Sample,
+    Effect, Estimate, Feature, Harmonic, LengthChange, Note, Plane, Reason, Sample,
 };
-
-/// A feature in the vocabulary of ballbar result files.
-pub(crate) struct Feature {
-    pub(crate) name: String,
-    pub(crate) unit: &'static str,
-    pub(crate) value: f64,
-    pub(crate) std: f64,
-}
-
-impl Feature {
-    /// The end of travel where it holds; none of what holds everywhere.
-    pub(crate) fn end(&self) -> Option<&'static str> {
-        let ends = [("_POS", "positive end"), ("_NEG", "negative end")];
-        ends.into_iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, end)| end)
-    }
-}
 
 /// Circularity by ISO 230-4 of the readings and of what no effect explains.
 pub(crate) struct Roundness {
@@ -30,90 +14,15 @@ pub(crate) struct Roundness {
 }
 
 pub(crate) fn roundness(plan: &Plan) -> Roundness {
-    // an arc cannot be centred by ISO 230-4: the centre found with the effects is taken out instead
-    let evaluate = |deviation: &dyn Fn(usize) -> f64, [x, y]: [f64; 2]| {
-        let read = |off: [f64; 2]| -> Vec<CircularReading> {
-            let one = |(i, s): (usize, &Sample)| CircularReading {
-                angle: s.angle,
-                deviation: deviation(i) - off[0] * s.angle.cos() - off[1] * s.angle.sin(),
-                travel: s.travel,
-            };
-            plan.circles.samples.iter().enumerate().map(one).collect()
-        };
-        let centred = Centring::LeastSquares { radius: Some(plan.circles.radius) };
-        Circularity::evaluate(&read([0.0; 2]), centred)
-            .or_else(|_| Circularity::evaluate(&read([x, y]), Centring::None))
-            .ok()
+    let samples = &plan.circles.samples;
+    let evaluate = |deviation: &dyn Fn(usize) -> f64, offset: [f64; 2]| {
+        let one = |(i, s): (usize, &Sample)| CircularReading { deviation: deviation(i), ..reading(s) };
+        let readings: Vec<CircularReading> = samples.iter().enumerate().map(one).collect();
+        Circularity::about(&readings, plan.circles.radius, offset).ok()
     };
     let offset = plan.analysis.offset.map(|(v, _)| v);
-    let measured = evaluate(&|i| plan.circles.samples[i].deviation, offset);
+    let measured = evaluate(&|i| samples[i].deviation, offset);
     Roundness { measured, residual: evaluate(&|i| plan.analysis.residuals[i], [0.0; 2]) }
-}
-
-/// The widest of a circular test.
-pub(crate) fn widest(c: &Circularity) -> f64 {
-    c.g_both.or(c.g_forward).or(c.g_backward).unwrap_or(0.0)
-}
-
-/// Values of an effect with name and unit.
-pub(crate) fn features(a: &Analysis, e: &Estimate) -> Vec<Feature> {
-    let letter = |axis: usize| if axis == 0 { "A" } else { "B" };
-    let end = |end: Option<End>| match end {
-        Some(End::Positive) => "_POS",
-        Some(End::Negative) => "_NEG",
-        None => "",
-    };
-    let of = |name: String, unit: &'static str, scale: f64, index: usize| {
-        let v = e.values[index];
-        Feature { name, unit, value: v.value * scale, std: v.std * scale }
-    };
-    let per_end = |name: &str, axis: usize| {
-        let one = |i: usize| {
-            of(format!("AF_{name}_{}{}", letter(axis), end(e.values[i].end)), "UT_LENGTH_UM", 1e3, i)
-        };
-        (0..e.values.len()).map(one).collect::<Vec<Feature>>()
-    };
-    match e.effect {
-        Effect::Squareness => vec![of("AF_SQUARENESS".into(), "UT_SQUARENESS", 1e6, 0)],
-        // difference of the diameters along the two axes
-        Effect::ScaleMismatch => vec![of("AF_SCALE_MISMATCH".into(), "UT_LENGTH_UM", 2e3 * a.radius, 0)],
-        Effect::ServoMismatch if a.notes.contains(&Note::NoFeed) => Vec::new(),
-        Effect::ServoMismatch => vec![of("AF_SERVO_MISMATCH".into(), "UT_SERVO_MISMATCH", 1e3, 0)],
-        Effect::Straightness(k) => vec![of(format!("AF_STRAIGHTNESS_{}", letter(k)), "UT_LENGTH_UM", 1e3, 0)],
-        // one travel direction of the axis is not told from the other: the error is one of place
-        Effect::Cyclic(k) => vec![of(format!("AF_CYCLIC_ERROR_{}_FWD", letter(k)), "UT_LENGTH_UM", 1e3, 0)],
-        Effect::Backlash(k) => per_end("BACKLASH", k),
-        Effect::LateralPlay(k) => per_end("LATERAL_PLAY", k),
-        Effect::ReversalSpike(k) => per_end("REVERSAL_SPIKES", k),
-    }
-}
-
-/// Scale errors of both axes in ppm, where the length of the instrument is known.
-fn scale_features(a: &Analysis, length_std_um: Option<f64>) -> Vec<Feature> {
-    let (Some(length), Some((_, radius, std)), Some(e)) =
-        (length_std_um, a.radius_deviation.first(), a.estimate(Effect::ScaleMismatch))
-    else {
-        return Vec::new();
-    };
-    let mismatch = e.values[0];
-    let mean_std = std.hypot(mm_from_um(length)) / a.radius;
-    [("A", 0.5), ("B", -0.5)]
-        .map(|(letter, sign)| Feature {
-            name: format!("AF_SCALE_ERROR_{letter}"),
-            unit: "UT_SCALE_ERROR",
-            value: 1e6 * (radius / a.radius + sign * mismatch.value),
-            std: 1e6 * mean_std.hypot(0.5 * mismatch.std),
-        })
-        .into()
-}
-
-pub(crate) fn unit_text(unit: &str) -> &'static str {
-    match unit {
-        "UT_SQUARENESS" => "um/m",
-        "UT_SERVO_MISMATCH" => "ms",
-        "UT_SCALE_ERROR" => "ppm",
-        _ => "um",
-    }
 }
 
 pub(crate) fn note_text(note: &Note) -> String {
@@ -165,12 +74,12 @@ pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
     let g = |f: fn(&Circularity) -> Option<f64>| round.measured.as_ref().and_then(f).map(um);
     let name = |e: Effect| e.name(a.plane);
     let mut all = json!({});
-    let own = a.estimates.iter().flat_map(|e| features(a, e));
-    for f in own.chain(scale_features(a, length_std_um)) {
-        all[f.name] = json!({"value": f.value, "std": f.std, "dt": f.unit, "unit": unit_text(f.unit)});
+    let own = a.estimates.iter().flat_map(|e| a.features(e));
+    for f in own.chain(a.scale_features(length_std_um.map(mm_from_um))) {
+        all[f.name] = json!({"value": f.value, "std": f.std, "dt": f.unit, "unit": f.unit_in_words()});
     }
     if let Some(c) = &round.measured {
-        all["AF_CIRCULARITY"] = json!({"value": um(widest(c)), "dt": "UT_LENGTH_UM", "unit": "um"});
+        all["AF_CIRCULARITY"] = json!({"value": um(c.widest()), "dt": "UT_LENGTH_UM", "unit": "um"});
     }
     let confounded = |e: &Estimate| -> Value {
         let one = |(other, c): &(Effect, f64)| json!({"effect": name(*other), "correlation": c});
@@ -198,10 +107,10 @@ pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
         "centre_um": a.offset.map(|(v, _)| um(v)),
         "centre_std_um": a.offset.map(|(_, s)| um(s)),
         "radius_deviation": a.radius_deviation.iter().map(radius).collect::<Vec<_>>(),
-        "circularity_um": round.measured.as_ref().map(|c| um(widest(c))),
+        "circularity_um": round.measured.as_ref().map(|c| um(c.widest())),
         "circularity_fwd_um": g(|c| c.g_forward),
         "circularity_bwd_um": g(|c| c.g_backward),
-        "residual_circularity_um": round.residual.as_ref().map(|c| um(widest(c))),
+        "residual_circularity_um": round.residual.as_ref().map(|c| um(c.widest())),
         "residual_rms_um": um(a.sigma),
         "length_change": a.length_change.map(|c| json!({
             "value_um": um(c.value),
@@ -227,7 +136,7 @@ pub(crate) fn print(plan: &Plan) {
     say!("plane {}, radius {} mm: {}", a.plane, a.radius, counted(plan.circles.samples.len(), "reading"));
     if let Some(c) = &round.measured {
         let [all, left, right, residual] =
-            [Some(widest(c)), c.g_forward, c.g_backward, round.residual.as_ref().map(widest)]
+            [Some(c.widest()), c.g_forward, c.g_backward, round.residual.as_ref().map(Circularity::widest)]
                 .map(|v| or_dash(v.map(um), 2));
         say!(
             "bidirectional circular error G(b) {all} µm (G counter-clockwise {left}, clockwise {right}); {residual} µm without the effects below"
@@ -236,7 +145,7 @@ pub(crate) fn print(plan: &Plan) {
     let [x, y] = a.offset.map(|(v, std)| with_limits(um(v), um(std)));
     say!("centre offset {x} and {y} µm; residual {:.3} µm RMS", um(a.sigma));
     let rows = a.estimates.iter().enumerate().map(|(i, e)| {
-        let values = features(a, e).iter().map(value_text).joined(", ");
+        let values = a.features(e).iter().map(value_text).joined(", ");
         let adds = with_limits(um(e.contribution), um(e.contribution_std));
         let mark = if e.significant { "" } else { "not significant" };
         let share = format!("{:.1} %", 100.0 * e.share);
@@ -244,7 +153,7 @@ pub(crate) fn print(plan: &Plan) {
     });
     Table::new([">rank", "effect", ">adds / µm", ">share", "value", ""]).rows(rows).print();
     say!("± expanded uncertainty, k = 2; share: of what all effects add to the circle");
-    for (one, other, c) in confounded(a) {
+    for (one, other, c) in a.confounded() {
         note!("note: {} and {} are strongly correlated ({c:.2})", name(one), name(other));
     }
     for (effect, reason) in &a.missing {
@@ -259,19 +168,6 @@ pub(crate) fn print(plan: &Plan) {
         note!("note: not explained by any effect: {loud}");
     }
     say!();
-}
-
-/// Pairs of effects that these data hardly separate, each once, with their correlation.
-pub(crate) fn confounded(a: &Analysis) -> Vec<(Effect, Effect, f64)> {
-    let mut pairs: Vec<(Effect, Effect, f64)> = Vec::new();
-    for e in &a.estimates {
-        for (other, c) in &e.confounded {
-            if !pairs.iter().any(|(one, two, _)| *one == *other && *two == e.effect) {
-                pairs.push((e.effect, *other, *c));
-            }
-        }
-    }
-    pairs
 }
 
 /// Coverage factor of the uncertainties of a report.
@@ -291,7 +187,7 @@ pub(crate) fn with_limits(value: f64, std: f64) -> String {
 
 /// Unit of a value, as a person writes it.
 pub(crate) fn unit_of(f: &Feature) -> String {
-    micro(unit_text(f.unit))
+    micro(f.unit_in_words())
 }
 
 /// A value with its expanded uncertainty, its unit and the end of travel where it holds.

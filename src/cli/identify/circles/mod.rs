@@ -2,11 +2,7 @@
 
 mod out;
 
-use serde::Deserialize;
-
-use super::{CaseArgs, CaseFile, Found, Frame, Front, Method, PointColumns, TrackerArgs, columns, printed};
-use crate::model_writer::{ModelWriter, data_error};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.

@@ -1,8 +1,6 @@
 //! What becomes of a tool axis: a pose for the ram, or the location of the spindle.
 
 use super::Args;
-use crate::files::continue_text;
-use crate::model_writer::{Sources, axis_entry, default_chain, put};
 use crate::prelude::*;
 use volcomp_identify::circles::ToolAxis;
 
@@ -46,7 +44,7 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         ));
     }
     let mut model = args.model.base(|| default_chain([AxisName::S]))?;
-    let point = axis_entry(&mut model.spec, AxisName::S).point;
+    let point = model.spec.axis_mut(AxisName::S).point;
     let turn = found.direction_error;
     // loc + turn x (tip - point) is what the tip is off
     let shift = (found.tip - nominal_tip) - turn.cross(&(nominal_tip - point));
@@ -60,7 +58,7 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
     ] {
         let function = ErrorFunction { std: Some(std), ..ErrorFunction::single(Curve::Constant(value)) };
         let symbol = ErrorSymbol::Location { component, axis: AxisName::S };
-        put(&mut model, symbol, function, sources.provenance());
+        model.put(symbol, function, sources.provenance());
     }
     let mut comment = sources.heading("identify circles");
     comment.push(format!(

@@ -2,17 +2,12 @@
 
 mod vector;
 
-use serde::Serialize;
-
-use crate::identify::{CaseArgs, CaseFile, Found, Front, Method};
-use crate::model_writer::{ModelWriter, Sources, default_chain, put};
+use crate::identify::prelude::*;
 use crate::positioning_data::TestColumns;
-use crate::prelude::*;
+use volcomp_evaluate::Diagonal;
+use volcomp_identify::diagonals::measurement::{Measurement, Steps};
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
-use volcomp_identify::diagonals::{
-    DiagonalsError, MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
-};
-use volcomp_model::statistics::{chi_square_upper, f_upper, student_95};
+use volcomp_identify::diagonals::{MissingAngle, NAMES, SQUARENESS, Setup, without_squareness};
 
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]
@@ -74,46 +69,10 @@ struct Outcome<'a> {
     spec: ModelSpec,
     ends: EndToEnd,
     setup: Setup,
-    found: Squareness,
-    raw: Squareness,
-    subtracted: [f64; 4],
-    /// Standard deviation of the displacements and degrees of freedom, where known.
-    noise: Option<([f64; 4], Option<usize>)>,
+    result: Measurement,
     missing: Vec<MissingAngle>,
     /// What was accepted as bias where angles are missing, arcsec.
     bound: Option<f64>,
-    /// The steps about model, squareness and a common scale; only where the model has positioning.
-    steps: Option<Steps>,
-}
-
-/// How the steps between the ends agree with the model; mm.
-struct Steps {
-    rms: f64,
-    /// Steps.
-    count: usize,
-    /// The step that lies farthest off: diagonal, target, residual.
-    worst: (usize, f64, f64),
-    /// The test against what noise and the uncertainty of the model let expect, where the noise is known.
-    test: Option<StepTest>,
-}
-
-/// The test of the steps.
-#[derive(Clone, Copy)]
-struct StepTest {
-    expected_rms: f64,
-    p_value: f64,
-}
-
-impl Steps {
-    /// True where the test has failed.
-    fn failed(&self) -> bool {
-        self.test.is_some_and(|t| t.p_value < SIGNIFICANT)
-    }
-
-    /// By what the uncertainties are enlarged.
-    fn enlarged(&self) -> f64 {
-        self.test.filter(|_| self.failed()).map_or(1.0, |t| (self.rms / t.expected_rms).max(1.0))
-    }
 }
 
 impl<'a> Outcome<'a> {
@@ -139,78 +98,10 @@ impl<'a> Outcome<'a> {
         if !missing.is_empty() && args.accept_bias_arcsec.is_none() {
             return Err(refusal(path, &missing, model_path.is_some()));
         }
-        let directions = &[Travel::Forward, Travel::Reverse][..1 + usize::from(ends.both_directions)];
-        let mut subtracted = [0.0; 4];
-        for travel in directions {
-            let d = setup.displacements(&model, *travel).map_err(fail)?;
-            for i in 0..4 {
-                subtracted[i] += d[i] / directions.len() as f64;
-            }
-        }
-        let of_runs = |std: f64| ends.runs.map(|n| std / (n as f64).sqrt());
-        let noise = match (args.noise_um, ends.run_std) {
-            (Some(um), _) => Some((of_runs(mm_from_um(um)), None)),
-            (None, std) => std.map(|std| (of_runs(std), Some(ends.dof))),
-        };
-        let std = noise.map_or([0.0; 4], |n| n.0);
-        let corrected: [f64; 4] = std::array::from_fn(|i| ends.displacement[i] - subtracted[i]);
-        let mut found = setup.squareness(&corrected, &std).map_err(fail)?;
-        found.covariance += setup.covariance_of_model(&model).map_err(fail)?;
-        let raw = setup.squareness(&ends.displacement, &std).map_err(fail)?;
+        let result = Measurement::new(&setup, &model, &ends, args.noise_um.map(mm_from_um)).map_err(fail)?;
         let bound = args.accept_bias_arcsec.filter(|_| !missing.is_empty());
-        let mut outcome = Self {
-            args,
-            path,
-            spec,
-            ends,
-            setup,
-            found,
-            raw,
-            subtracted,
-            noise,
-            missing,
-            bound,
-            steps: None,
-        };
-        let knows = |(component, axis)| {
-            model.errors.iter().any(|(s, _)| *s == ErrorSymbol::Motion { component, axis })
-        };
-        if Component::ALL.into_iter().zip([AxisName::X, AxisName::Y, AxisName::Z]).all(knows) {
-            outcome.steps = steps_residual(&outcome, &model, directions).map_err(fail)?;
-        }
-        if let Some(steps) = &outcome.steps {
-            outcome.found.covariance *= steps.enlarged().powi(2);
-        }
-        Ok(outcome)
+        Ok(Self { args, path, spec, ends, setup, result, missing, bound })
     }
-
-    fn lines(&self) -> [Line; 3] {
-        std::array::from_fn(|i| {
-            let value = arcsec_from_rad(self.found.value[i]);
-            let uncertainty = self.noise.map(|(_, dof)| {
-                let std = arcsec_from_rad(self.found.covariance[(i, i)].sqrt());
-                // stated noise counts as well known
-                (std, dof.map_or(1.959_964, student_95) * std + self.bound.unwrap_or(0.0))
-            });
-            Line {
-                arcsec: value,
-                std_arcsec: uncertainty.map(|u| u.0),
-                half_width_95_arcsec: uncertainty.map(|u| u.1),
-                significant: uncertainty.map(|(_, half)| value.abs() > half),
-                without_subtraction_arcsec: arcsec_from_rad(self.raw.value[i]),
-            }
-        })
-    }
-}
-
-/// One squareness with what is known about it; the bias bound is added to the half width.
-#[derive(Serialize)]
-struct Line {
-    arcsec: f64,
-    std_arcsec: Option<f64>,
-    half_width_95_arcsec: Option<f64>,
-    significant: Option<bool>,
-    without_subtraction_arcsec: f64,
 }
 
 /// How far a box may reach out of the travel, as a share of its side: nobody measures the ends to the last micrometre.
@@ -254,68 +145,6 @@ fn names_of(missing: &[MissingAngle]) -> String {
     missing.iter().map(|m| m.symbol.to_string()).joined(" ")
 }
 
-/// The intermediate steps about the model with the squareness found and a common scale.
-///
-/// The ends are fitted exactly, so that the residual at share `t` of the length has the variance `s^2 (1 + t^2 + (1 - t)^2) / 2`
-/// for displacements of standard deviation `s`, and alike from the uncertainties that the curves of the model state.
-fn steps_residual(
-    o: &Outcome<'_>,
-    model: &ModelSpec,
-    directions: &[Travel],
-) -> Result<Option<Steps>, DiagonalsError> {
-    let mut spec = model.clone();
-    let squareness = SQUARENESS.into_iter().zip(o.found.value);
-    spec.errors.extend(squareness.map(|(s, v)| (s, ErrorFunction::single(Curve::Constant(v)))));
-    let length = o.setup.length();
-    let (mut sum, mut n) = (0.0, 0usize);
-    let (mut from_noise, mut from_model) = (0.0, 0.0);
-    let mut worst = (0, 0.0, 0.0f64);
-    for (index, steps) in o.ends.steps.iter().enumerate() {
-        let inner: Vec<&(f64, f64)> =
-            steps.iter().filter(|(t, _)| *t > 1e-3 * length && *t < (1.0 - 1e-3) * length).collect();
-        let shares: Vec<f64> = inner.iter().map(|(t, _)| t / length).collect();
-        let mut expected = vec![0.0; shares.len()];
-        for travel in directions {
-            let d = o.setup.displacement(&spec, index, &shares, *travel)?;
-            for (e, v) in expected.iter_mut().zip(d) {
-                *e += v / directions.len() as f64;
-            }
-        }
-        let variance_of_model = o.setup.step_variance_of_model(model, index)?;
-        for ((step, share), e) in inner.iter().zip(shares).zip(expected) {
-            let residual = step.1 - e - o.found.common * share;
-            if residual.abs() >= worst.2.abs() {
-                worst = (index, step.0, residual);
-            }
-            sum += residual.powi(2);
-            n += 1;
-            let growth = 1.0 + share.powi(2) + (1.0 - share).powi(2);
-            from_noise += o.noise.map_or(0.0, |(std, _)| std[index].powi(2) / 2.0) * growth;
-            from_model += variance_of_model * growth;
-        }
-    }
-    if n == 0 {
-        return Ok(None);
-    }
-    let expected = from_noise + from_model;
-    let test = o.noise.filter(|_| from_noise > 0.0).map(|(_, dof)| {
-        // what the model has wrong is wrong in many steps alike
-        let (noise, curves) = (from_noise / expected, from_model / expected);
-        let effective = 1.0 / (noise * noise / n as f64 + curves * curves / CURVES_DOF);
-        let effective = effective.floor().max(1.0) as usize;
-        let ratio = sum / expected;
-        let p_value = match dof {
-            None => chi_square_upper(ratio * effective as f64, effective),
-            Some(dof) => f_upper(ratio, effective, dof),
-        };
-        StepTest { expected_rms: (expected / n as f64).sqrt(), p_value }
-    });
-    Ok(Some(Steps { rms: (sum / n as f64).sqrt(), count: n, worst, test }))
-}
-
-/// Degrees of freedom that uncertain curves have among the steps: one for each axis.
-const CURVES_DOF: f64 = 3.0;
-
 /// The readings of the CSV that `volcomp evaluate iso230-6` reads; a diagonal written with opposite signs is the same
 /// line from its other end.
 fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
@@ -355,19 +184,11 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
     })
 }
 
-/// Index into [`SIGNS`], and whether the name starts from the other end.
+/// Index into [`NAMES`], and whether the name starts from the other end.
 fn diagonal_of(word: &str) -> Option<(usize, bool)> {
-    let signs: Vec<f64> = word
-        .chars()
-        .map(|c| match c.to_ascii_lowercase() {
-            'p' => Some(1.0),
-            'n' => Some(-1.0),
-            _ => None,
-        })
-        .collect::<Option<_>>()?;
-    let signs = <[f64; 3]>::try_from(signs).ok()?;
-    let find = |s: [f64; 3]| SIGNS.iter().position(|known| *known == s);
-    find(signs).map(|i| (i, false)).or_else(|| find(signs.map(|s| -s)).map(|i| (i, true)))
+    let diagonal = Diagonal::parse(word)?;
+    let index = NAMES.iter().position(|name| *name == diagonal.name())?;
+    Some((index, !word.eq_ignore_ascii_case(diagonal.name())))
 }
 
 /// Values of the four diagonals.
@@ -377,21 +198,22 @@ fn by_name<V: Serialize>(values: [V; 4]) -> Value {
 
 impl Found for Outcome<'_> {
     fn json(&self) -> Value {
-        let test = self.steps.as_ref().and_then(|s| s.test);
+        let Measurement { found, subtracted, steps, .. } = &self.result;
+        let test = steps.and_then(|s| s.test);
         let mut json = json!({
-            "common_um": um_from_mm(self.found.common),
+            "common_um": um_from_mm(found.common),
             "displacement_um": by_name(self.ends.displacement.map(um_from_mm)),
-            "subtracted_um": by_name(self.subtracted.map(um_from_mm)),
+            "subtracted_um": by_name(subtracted.map(um_from_mm)),
             "run_std_um": self.ends.run_std.map(um_from_mm),
             "dof": self.ends.dof,
             "open_runs": self.ends.open_runs,
             "closure_um": by_name(self.ends.closure.map(|v| v.map(um_from_mm))),
-            "steps_rms_um": self.steps.as_ref().map(|s| um_from_mm(s.rms)),
+            "steps_rms_um": steps.map(|s| um_from_mm(s.rms)),
             "steps_expected_rms_um": test.map(|t| um_from_mm(t.expected_rms)),
             "steps_p_value": test.map(|t| t.p_value),
             "steps_passed": test.map(|t| t.p_value >= SIGNIFICANT),
-            "enlarged": self.steps.as_ref().map_or(1.0, Steps::enlarged),
-            "worst_step": self.steps.as_ref().map(|s| json!({
+            "enlarged": steps.map_or(1.0, |s| s.enlarged()),
+            "worst_step": steps.map(|s| json!({
                 "diagonal": NAMES[s.worst.0],
                 "target_mm": s.worst.1,
                 "residual_um": um_from_mm(s.worst.2),
@@ -399,8 +221,9 @@ impl Found for Outcome<'_> {
             "missing_angles": self.missing.iter().map(|m| key(m.symbol)).collect::<Vec<_>>(),
             "bias_bound_arcsec": self.bound,
         });
-        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
-            for (name, value) in json!(line).as_object().into_iter().flatten() {
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.result.lines(self.bound)) {
+            let line = fields!(line; arcsec, std_arcsec, half_width_95_arcsec, significant, without_subtraction_arcsec);
+            for (name, value) in line.as_object().into_iter().flatten() {
                 json[format!("{}_{name}", key(symbol))] = value.clone();
             }
         }
@@ -411,13 +234,13 @@ impl Found for Outcome<'_> {
         let (ends, um) = (&self.ends, um_from_mm);
         say!("diagonal      displacement      model says     closure    runs");
         for (i, name) in NAMES.iter().enumerate() {
-            let [measured, model] = [ends.displacement[i], self.subtracted[i]].map(um);
+            let [measured, model] = [ends.displacement[i], self.result.subtracted[i]].map(um);
             let (closure, runs) = (or_dash(ends.closure[i].map(um), 2), ends.runs[i]);
             say_text!("{name:<10}{measured:>13.2} um{model:>13.2} um{closure:>9} um{runs:>8}");
         }
         say!();
         say!("error           arcsec   std (k = 1)   95 % interval   without subtraction");
-        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.result.lines(self.bound)) {
             let verdict = match line.significant {
                 Some(true) => "",
                 Some(false) => "  not significant",
@@ -430,7 +253,7 @@ impl Found for Outcome<'_> {
             say!("{symbol:<10}{value:>12.2}{std:>14}{half:>16}{raw:>22.2}{verdict}");
         }
         say!();
-        say_text!("common part (positioning and scale of the laser) {:.2} um", um(self.found.common));
+        say_text!("common part (positioning and scale of the laser) {:.2} um", um(self.result.found.common));
         if let Some(std) = ends.run_std {
             say_text!("one displacement repeats to {:.2} um ({} degrees of freedom)", um(std), ends.dof);
         }
@@ -444,7 +267,7 @@ impl Found for Outcome<'_> {
                 ends.open_runs
             );
         }
-        let Some(steps) = &self.steps else {
+        let Some(steps) = &self.result.steps else {
             say!("steps between the ends are not judged: the model has no positioning of all three axes");
             return;
         };
@@ -459,7 +282,7 @@ impl Found for Outcome<'_> {
     }
 
     fn warn(&self) {
-        let Some((steps, test)) = self.steps.as_ref().filter(|s| s.failed()).and_then(|s| Some((s, s.test?)))
+        let Some((steps, test)) = self.result.steps.filter(Steps::failed).and_then(|s| Some((s, s.test?)))
         else {
             return;
         };
@@ -497,13 +320,13 @@ impl Found for Outcome<'_> {
         let files = [self.path.to_owned()];
         let all: Vec<PathBuf> = files.iter().chain(&args.model).cloned().collect();
         let sources = Sources::of(&all);
-        for (symbol, line) in SQUARENESS.into_iter().zip(self.lines()) {
+        for (symbol, line) in SQUARENESS.into_iter().zip(self.result.lines(self.bound)) {
             let value = Curve::Constant(rad_from_arcsec(line.arcsec));
             let std = line.std_arcsec.map(|std| rad_from_arcsec(std.hypot(self.bound.unwrap_or(0.0))));
             let note = self.bound.map(|b| format!("angular data incomplete, bias up to {b} arcsec accepted"));
             // the model that was subtracted is no measurement of its own
             let from = Provenance { note, ..sources.only(|i| i == 0).provenance() };
-            put(&mut model, symbol, ErrorFunction { std, ..ErrorFunction::single(value) }, from);
+            model.put(symbol, ErrorFunction { std, ..ErrorFunction::single(value) }, from);
         }
         let (low, size) = self.setup.cuboid();
         let mut comment = sources.heading("identify diagonals");

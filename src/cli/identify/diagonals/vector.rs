@@ -1,12 +1,11 @@
 //! A case of the reference vectors: displacements in mm, the axis errors at the ends of the box, squareness in rad.
 
 use super::{Args, by_name};
-use crate::identify::{CaseFile, Found, printed};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::diagonals::{DiagonalsError, SQUARENESS, Setup};
 use volcomp_model::curve::{Interpolation, Table};
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Case {
     chain: String,
     #[serde(rename = "box")]
@@ -17,13 +16,13 @@ struct Case {
     displacement: Displacement,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Ends {
     at_0: [f64; 6],
     at_travel: [f64; 6],
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Displacement {
     ppp: f64,
     npp: f64,

@@ -1,6 +1,5 @@
 //! The instrument as a file, `volcomp-fivedof/1` (TOML): optics as built, signs and gains as calibrated.
 
-use crate::files::from_toml;
 use crate::prelude::*;
 use volcomp_identify::fivedof::resting::{Calibration, Estimate};
 use volcomp_identify::fivedof::{Channels, Detector, Head};
@@ -8,7 +7,7 @@ use volcomp_identify::fivedof::{Channels, Detector, Head};
 /// The `format` of an instrument file.
 const FORMAT: &str = "volcomp-fivedof/1";
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 struct FileWire {
     format: String,
@@ -26,7 +25,7 @@ struct FileWire {
     calibrated_from: Option<String>,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FocalWire {
     psd1: f64,
@@ -34,7 +33,7 @@ struct FocalWire {
     psd3: f64,
 }
 
-#[derive(serde::Deserialize, Default)]
+#[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 struct PairsWire {
     psd1: Option<[f64; 2]>,
@@ -50,7 +49,7 @@ impl PairsWire {
     }
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 struct DriftWire {
     angle_gain: [f64; 2],

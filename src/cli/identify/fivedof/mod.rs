@@ -7,12 +7,9 @@ mod resting;
 use self::drift_check::DriftCheck;
 use self::head_file::HeadFile;
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
-use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, columns, printed};
-use crate::prelude::*;
-use crate::units::column;
-use volcomp_identify::fivedof::align::{Aligned, Level, align};
+use crate::identify::prelude::*;
+use volcomp_identify::fivedof::align::{Aligned, Level, Stretch, align};
 use volcomp_identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
-use volcomp_identify::straightness::{Line, Rule};
 
 /// Straightness, roll, pitch and yaw of one axis from a 5-DOF laser with drift compensation.
 #[derive(Debug, clap::Args)]
@@ -52,7 +49,7 @@ enum RollArg {
     Skip,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Case {
     focal: Focal,
     distance: f64,
@@ -62,7 +59,7 @@ struct Case {
     readings: BTreeMap<String, f64>,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Focal {
     f1: f64,
     f2: f64,
@@ -202,9 +199,8 @@ struct Outcome<'a> {
     aligned: Aligned,
     /// Largest pointing drift, rad.
     drift: f64,
-    /// RMS of the stretch between the corner cubes, and what the noise explains, mm.
-    stretch: (f64, f64),
-    is_rigid: bool,
+    /// Between the corner cubes.
+    stretch: Stretch,
     check: Option<DriftCheck>,
     origin: Origin,
 }
@@ -232,8 +228,6 @@ impl<'a> Outcome<'a> {
             _ => true,
         };
         let far = run.readings.iter().map(|r| r.distance).fold(0.0, f64::max);
-        let (rms, expected) = rigidity(&positions, &reduced, head, &run.readings);
-        let limit = expected * (1.0 + 3.0 / (2.0 * reduced.len() as f64).sqrt());
         let files = [path.to_owned()].iter().chain(&args.calibration).chain(&args.resting).cloned().collect();
         Ok(Self {
             args,
@@ -241,8 +235,7 @@ impl<'a> Outcome<'a> {
             measured: measured(axis, &run, &aligned, head, far, with_roll),
             aligned,
             drift: reduced.iter().flat_map(|r| r.pointing).flatten().fold(0.0f64, |m, v| m.max(v.abs())),
-            stretch: (rms, expected),
-            is_rigid: expected == 0.0 || rms <= limit,
+            stretch: Stretch::of(&positions, &reduced, head, &run.readings),
             check: DriftCheck::of(axis, &run, head),
             origin: Origin { method: "fivedof", files, instrument: file.instrument },
         })
@@ -253,9 +246,9 @@ impl Found for Outcome<'_> {
     fn json(&self) -> Value {
         let mut json = json!({
             "pointing_max_arcsec": arcsec_from_rad(self.drift),
-            "stretch_rms_um": um_from_mm(self.stretch.0),
-            "stretch_expected_um": um_from_mm(self.stretch.1),
-            "rigid": self.is_rigid,
+            "stretch_rms_um": um_from_mm(self.stretch.rms),
+            "stretch_expected_um": um_from_mm(self.stretch.expected),
+            "rigid": self.stretch.is_rigid,
             "drift_check": self.check,
         });
         for m in &self.measured {
@@ -281,8 +274,8 @@ impl Found for Outcome<'_> {
         say!("largest pointing drift removed: {:.2} arcsec", arcsec_from_rad(self.drift));
         let slope = arcsec_from_rad(self.aligned.roll_slope * 1e3);
         say!("beams not parallel: {slope:.2} arcsec of roll per metre removed");
-        let (rms, expected) = (um_from_mm(self.stretch.0), um_from_mm(self.stretch.1));
-        let verdict = match (expected > 0.0, self.is_rigid) {
+        let (rms, expected) = (um_from_mm(self.stretch.rms), um_from_mm(self.stretch.expected));
+        let verdict = match (expected > 0.0, self.stretch.is_rigid) {
             (false, _) => "the noise of the channels is not known",
             (true, true) => "within the noise",
             (true, false) => "MORE than the noise: the carriage bends, or the drift correction is wrong",
@@ -323,15 +316,4 @@ fn measured(
             std: Some(std[component.index()]).filter(|s| *s > 0.0),
         })
         .collect()
-}
-
-/// RMS of the stretch between the corner cubes about a straight line, and what the noise explains.
-fn rigidity(positions: &[f64], reduced: &[FiveDof], head: &Head, readings: &[Readings]) -> (f64, f64) {
-    let stretch: Vec<f64> = reduced.iter().map(|r| r.stretch).collect();
-    let Ok(line) = Line::fit(positions, &stretch, Rule::LeastSquares) else { return (0.0, 0.0) };
-    let dof = (positions.len() as f64 - 2.0).max(1.0);
-    let rms = (line.deviations(positions, &stretch).iter().map(|v| v * v).sum::<f64>() / dof).sqrt();
-    let n = readings.len() as f64;
-    let expected = (readings.iter().map(|r| head.stretch_std(r.distance).powi(2)).sum::<f64>() / n).sqrt();
-    (rms, expected)
 }

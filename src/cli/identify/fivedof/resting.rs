@@ -2,9 +2,7 @@
 
 use super::head_file::HeadFile;
 use super::{Args, channel_columns, read_channels, see_help};
-use crate::files::continue_text;
-use crate::identify::columns;
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::fivedof::resting::{Calibration, Estimate, RestingReading, calibrate};
 use volcomp_identify::fivedof::{Detector, lateral};
 
@@ -30,7 +28,7 @@ pub(super) fn calibrated(
     })?;
     let calibration = calibrate(&file.head, &log).map_err(|e| Failure::data(path, e))?;
     file.head = calibration.head;
-    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    let name = file_name(path);
     file.calibrated_from = Some(match input::hash(path, InputKind::Table) {
         Some(hash) => format!("{name}, blake3 {hash}"),
         None => name,
@@ -79,8 +77,7 @@ pub(super) fn print(axis: AxisName, c: &Calibration) {
     for (letter, k) in letters.iter().zip(c.angle_gain) {
         say!("psd1 {letter}: pointing enters with {:.4} +- {:.4} (nominal 1)", k.value, k.std);
     }
-    let gains = c.gain.as_flattened().iter();
-    let excluded = gains.map(|g| (g.value - 0.5) / g.std.max(1e-12)).fold(f64::INFINITY, f64::min);
+    let excluded = c.halved_gain_excluded();
     say!("the halved gain (d theta/2, as printed in paper 002) lies {excluded:.0} standard deviations away");
     for (d, [a, b]) in Detector::ALL.iter().zip(c.head.signs) {
         say!("signs of {:<5}{a:>3}{b:>3}", d.name());
@@ -92,8 +89,7 @@ pub(super) fn print(axis: AxisName, c: &Calibration) {
     }
     let ((chi2, dof), distances) = (c.linearity, c.distances.len());
     if dof > 0 {
-        let limit = dof as f64 + 3.0 * (2.0 * dof as f64).sqrt();
-        let verdict = if chi2 > limit { "NOT straight" } else { "straight" };
+        let verdict = if c.is_straight() { "straight" } else { "NOT straight" };
         say!(
             "over {distances} distances the gain is {verdict}: chi^2 {chi2:.1} with {dof} degrees of freedom"
         );

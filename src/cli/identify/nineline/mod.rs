@@ -2,18 +2,12 @@
 
 mod compare;
 
-use serde::Deserialize;
-
-use self::compare::Comparison;
-use super::case::{refused, rows};
-use super::motion_curves::{Origin, Report};
-use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
-use crate::model_writer::{data_error, default_chain};
-use crate::prelude::*;
-use volcomp_identify::motion::MotionRow;
+use super::motion_curves::Origin;
+use crate::identify::prelude::*;
+use volcomp_identify::motion::{Comparison, MotionRow};
 use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_identify::twist::moved;
-use volcomp_model::statistics::chi_square_upper;
+use volcomp_model::statistics::ChiSquare;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
 ///
@@ -143,13 +137,13 @@ impl Method for Args {
         let mut misfit = Misfit::of(&solved, lines_of_file.len());
         misfit.worst = worst(&stops.all, &solved, &lines_of_file);
         for row in &mut rows {
-            row.covariance *= misfit.enlarged().powi(2);
+            row.covariance *= misfit.fit.enlarged().powi(2);
         }
         let files = [core::slice::from_ref(lines), data].concat();
         let origin = Origin { axis, reference, method: "nineline", files };
         let gauged = self.curves.gauge(rows, &origin)?;
-        misfit.compared =
-            self.compare.as_ref().map(|path| Comparison::with(path, axis, &gauged)).transpose()?;
+        let compared = self.compare.as_ref().map(|path| compare::with(path, axis, &gauged)).transpose()?;
+        misfit.compared = compared.map(|compared| (compared, axis));
         Ok(self.curves.motions(gauged, origin, base, misfit))
     }
 }
@@ -220,11 +214,10 @@ fn read_readings(
 struct Misfit {
     lines: usize,
     condition: f64,
-    chi2: f64,
-    dof: usize,
+    fit: ChiSquare,
     /// The reading that fits least: where it is, and its residual in standard deviations.
     worst: Option<(String, f64)>,
-    compared: Option<Comparison>,
+    compared: Option<(Comparison, AxisName)>,
 }
 
 /// The reading with the largest residual in units of its noise.
@@ -248,29 +241,13 @@ impl Misfit {
         Self {
             lines,
             condition: solved.iter().fold(0.0, |m, s| s.condition_scaled.max(m)),
-            chi2: solved.iter().fold(0.0, |sum, s| sum + s.chi2),
-            dof: solved.iter().map(|s| s.dof).sum(),
+            fit: ChiSquare {
+                sum: solved.iter().fold(0.0, |sum, s| sum + s.chi2),
+                dof: solved.iter().map(|s| s.dof).sum(),
+            },
             worst: None,
             compared: None,
         }
-    }
-
-    fn p_value(&self) -> Option<f64> {
-        (self.dof > 0).then(|| chi_square_upper(self.chi2, self.dof))
-    }
-
-    fn failed(&self) -> bool {
-        self.p_value().is_some_and(|p| p < SIGNIFICANT)
-    }
-
-    /// True noise over stated noise.
-    fn noise_factor(&self) -> Option<f64> {
-        (self.dof > 0).then(|| (self.chi2 / self.dof as f64).sqrt())
-    }
-
-    /// By what the uncertainties are enlarged.
-    fn enlarged(&self) -> f64 {
-        self.noise_factor().filter(|_| self.failed()).unwrap_or(1.0)
     }
 }
 
@@ -279,13 +256,13 @@ impl Report for Misfit {
         json!({
             "motions": motions,
             "condition_scaled": self.condition,
-            "chi2": self.chi2,
-            "dof": self.dof,
-            "p_value": self.p_value(),
-            "noise_factor": self.noise_factor(),
-            "enlarged": self.enlarged(),
+            "chi2": self.fit.sum,
+            "dof": self.fit.dof,
+            "p_value": self.fit.p_value(),
+            "noise_factor": self.fit.noise_factor(),
+            "enlarged": self.fit.enlarged(),
             "worst": self.worst.as_ref().map(|(place, residual)| json!({"reading": place, "residual_over_noise": residual})),
-            "compared": self.compared,
+            "compared": self.compared.as_ref().map(|(c, _)| compare::as_json(c)),
         })
     }
 
@@ -293,8 +270,8 @@ impl Report for Misfit {
         let (axis, [x, y, z]): (_, [f64; 3]) = (motions.origin.axis, motions.origin.reference.into());
         let (lines, rows) = (self.lines, motions.gauged.rows.len());
         say!("{axis} on {lines} lines at {rows} stops; ex ey ez at ({x:.3} {y:.3} {z:.3}) mm in M at home");
-        let Self { condition, chi2, dof, .. } = self;
-        match self.p_value() {
+        let Self { condition, fit: ChiSquare { sum: chi2, dof }, .. } = self;
+        match self.fit.p_value() {
             Some(p) => {
                 let verdict = if p < SIGNIFICANT { "FAILED" } else { "passed" };
                 say!(
@@ -307,19 +284,19 @@ impl Report for Misfit {
     }
 
     fn print_below(&self) {
-        self.compared.iter().for_each(Comparison::print);
+        self.compared.iter().for_each(|(compared, axis)| compare::print(compared, *axis));
     }
 
     fn warn(&self, _: usize) {
-        let Self { chi2, dof, .. } = self;
-        if self.failed() {
+        let ChiSquare { sum: chi2, dof } = self.fit;
+        if self.fit.has_failed() {
             let worst = self.worst.as_ref().map_or_else(String::new, |(place, residual)| {
                 format!("; the largest residual is {place}: {residual:+.1} times its noise")
             });
             note!(
                 "warning: the readings contradict each other by more than their noise (chi2 {chi2:.1}, {dof} degrees of freedom){worst}; is a line misplaced, or --noise-um too small?"
             );
-            note!("note: the uncertainties given are enlarged by {:.1}", self.enlarged());
+            note!("note: the uncertainties given are enlarged by {:.1}", self.fit.enlarged());
         }
     }
 }

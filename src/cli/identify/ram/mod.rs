@@ -1,12 +1,7 @@
 //! `volcomp identify ram`: tool poses at several positions of the head to the errors of the ram.
 
-use serde::Deserialize;
-
-use super::case::{refused, rows};
-use super::motion_curves::{Origin, Report};
-use super::{CaseArgs, CaseFile, CurveArgs, Found, Front, Method, Motions, Stops, columns, printed};
-use crate::model_writer::{data_error, default_chain};
-use crate::prelude::*;
+use super::motion_curves::Origin;
+use crate::identify::prelude::*;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
 
@@ -144,14 +139,15 @@ impl Method for Args {
         let head = Head { a_axis, tool_length };
         let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
         let stops = self.stops(&head)?;
-        let prior = self.prior()?;
+        let known = self.prior.as_deref().map(read_model).transpose()?.map(|m| m.0);
         let (mut rows, mut fits) = (Vec::new(), Vec::new());
         for (at, poses) in &stops.all {
             let &Reading { position, cycle, travel, .. } = at;
-            let prior = prior.as_ref().map(|p| p.at(axis, position, travel));
+            let prior = |std| Prior::of_model(known.as_ref(), std, axis, position, travel);
+            let prior = self.prior_std().map(prior);
             let fit = solve(&head, poses, &noise, prior.as_ref())
                 .map_err(|e| data_error(data, format_args!("{axis} {position} mm: {e}")))?;
-            let covariance = fit.covariance * misfit(&fit).powi(2);
+            let covariance = fit.covariance * fit.misfit().powi(2);
             rows.push(MotionRow { position, cycle, travel, motion: fit.motion, covariance });
             fits.push(fit);
         }
@@ -187,11 +183,6 @@ impl Report for Fits {
     fn warn(&self, _: usize) {
         warn(&self.0);
     }
-}
-
-/// Residuals over stated noise, where larger.
-fn misfit(fit: &RamFit) -> f64 {
-    if fit.dof == 0 { 1.0 } else { (fit.chi2 / fit.dof as f64).sqrt().max(1.0) }
 }
 
 fn warn(fits: &[RamFit]) {
@@ -242,13 +233,11 @@ impl Args {
         Ok(printed(json, move || fits.iter().for_each(print)))
     }
 
-    /// Mean and standard deviations of the prior.
-    fn prior(&self) -> Result<Option<PriorSource>> {
-        let Some(angle) = self.prior_std_arcsec else { return Ok(None) };
-        let angle = rad_from_arcsec(angle);
+    /// Standard deviations of the prior, mm and rad; none where nothing is known.
+    fn prior_std(&self) -> Option<[f64; 6]> {
+        let angle = rad_from_arcsec(self.prior_std_arcsec?);
         let length = self.prior_std_um.map_or(f64::INFINITY, mm_from_um);
-        let model = self.prior.as_deref().map(read_model).transpose()?.map(|m| m.0);
-        Ok(Some(PriorSource { model, std: [length, length, length, angle, angle, angle] }))
+        Some([length, length, length, angle, angle, angle])
     }
 }
 
@@ -277,33 +266,8 @@ fn take_off_head(path: &Path, head: &Head, stops: &mut Stops<HeadPose>) -> Resul
     let (mut spec, _) = read_model(path)?;
     spec.errors.retain(|(symbol, _)| symbol.axis().kind() == AxisKind::Rotary);
     let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
-    for pose in stops.all.iter_mut().flat_map(|(_, poses)| poses) {
-        let of_head = model.deviation(&model.pose_of(&[(AxisName::C, pose.c), (AxisName::A, pose.a)]));
-        pose.tip_error -= of_head.position;
-        pose.direction_error -= of_head.rotation.cross(&head.at(pose.c, pose.a).0);
-    }
+    stops.all.iter_mut().flat_map(|(_, poses)| poses).for_each(|pose| pose.take_off(&model, head));
     Ok(())
-}
-
-/// Where the prior comes from.
-struct PriorSource {
-    /// Its means; zero without a model.
-    model: Option<ModelSpec>,
-    /// Standard deviations, mm and rad; infinite where nothing is known.
-    std: [f64; 6],
-}
-
-impl PriorSource {
-    /// The prior at a position of the ram.
-    fn at(&self, axis: AxisName, position: f64, travel: Travel) -> Prior {
-        let mut mean = [0.0; 6];
-        for (symbol, function) in self.model.iter().flat_map(|m| &m.errors) {
-            if symbol.axis() == axis && !symbol.is_constant() {
-                mean[symbol.component().index()] = function.value(position, travel);
-            }
-        }
-        Prior { mean: mean.into(), std: self.std.into() }
-    }
 }
 
 fn json_of(fit: &RamFit) -> Value {

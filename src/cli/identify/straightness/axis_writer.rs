@@ -3,13 +3,10 @@
 
 use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::Fitted;
-use crate::identify::CurveFits;
-use crate::model_writer::{ModelWriter, axis_entry, default_chain};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::curve::{Basis, CurveFit};
-use volcomp_identify::reading::group_by_position;
-use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
-use volcomp_identify::straightness::{Line, Rule};
+use volcomp_identify::straightness::Rule;
+use volcomp_identify::straightness::runs::{Reversal, as_one_direction, gauged, in_stored_sense, reversal};
 use volcomp_model::ReferencePoint;
 use volcomp_model::spec::ReferenceBody;
 
@@ -111,7 +108,7 @@ impl AxisWriter {
         for (m, symbol) in measured.iter().zip(symbols) {
             let mut readings = gauged(m.readings.clone(), m.component, axis, self.rule);
             if primed {
-                readings = stored_readings(readings, measured_sense, stored);
+                readings = in_stored_sense(readings, measured_sense, stored);
             }
             let judged = reversal(&readings);
             note_reversal(symbol, judged);
@@ -184,7 +181,7 @@ impl AxisWriter {
     ) {
         let points = self.points(axis).map(|p| moved.or(p));
         let body = if moved.is_none() { self.body } else { ReferenceBody::Carriage };
-        let entry = axis_entry(spec, axis);
+        let entry = spec.axis_mut(axis);
         entry.sense = stored;
         for f in fitted.iter().filter(|f| !f.symbol.is_angle()) {
             let i = f.symbol.component().index();
@@ -216,84 +213,4 @@ fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
         }
     };
     note!("note: {symbol}: reversal {} rms{what}", show(rms));
-}
-
-/// Mean of the readings at each position, both directions alike.
-pub(super) fn means(readings: &[Reading]) -> (Vec<f64>, Vec<f64>) {
-    let (positions, group) = group_by_position(readings);
-    let mut sums = vec![[(0.0, 0usize); 2]; positions.len()];
-    for (r, &g) in readings.iter().zip(&group) {
-        let slot = &mut sums[g][usize::from(r.travel == Travel::Reverse)];
-        slot.0 += r.value;
-        slot.1 += 1;
-    }
-    let values = sums
-        .iter()
-        .map(|both| {
-            let there: Vec<f64> = both.iter().filter(|(_, n)| *n > 0).map(|(s, n)| s / *n as f64).collect();
-            there.iter().sum::<f64>() / there.len() as f64
-        })
-        .collect();
-    (positions, values)
-}
-
-/// Takes the reference line out of a straightness, and lets every curve start from zero at the position nearest to home.
-fn gauged(mut readings: Vec<Reading>, component: Component, axis: AxisName, rule: Rule) -> Vec<Reading> {
-    let (x, mut y) = means(&readings);
-    let is_straightness = !component.is_angle() && component.index() != axis.direction();
-    if is_straightness && let Ok(line) = Line::fit(&x, &y, rule) {
-        y = line.deviations(&x, &y);
-        for r in &mut readings {
-            r.value -= line.intercept + line.slope * r.position;
-        }
-    }
-    let home = x.iter().zip(&y).min_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).map_or(0.0, |(_, v)| *v);
-    for r in &mut readings {
-        r.value -= home;
-    }
-    readings
-}
-
-/// Readings of an axis that carries the workpiece in the sense in which they are stored (equations 1.4).
-fn stored_readings(readings: Vec<Reading>, measured: Sense, stored: Sense) -> Vec<Reading> {
-    let sign = if measured == stored { 1.0 } else { -1.0 };
-    readings
-        .into_iter()
-        .map(|r| match stored {
-            Sense::Relative => Reading { value: sign * r.value, ..r },
-            Sense::Carriage => {
-                Reading { value: sign * r.value, position: -r.position, travel: r.travel.reversed(), ..r }
-            }
-        })
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn at(position: f64, value: f64, travel: Travel) -> Reading {
-        Reading { cycle: 1, travel, position, value }
-    }
-
-    #[test]
-    fn senses_of_an_axis_that_carries_the_workpiece() {
-        let readings = vec![at(100.0, 0.01, Travel::Forward)];
-        let of = |m, s| stored_readings(readings.clone(), m, s)[0];
-        assert_eq!(of(Sense::Carriage, Sense::Relative), at(100.0, -0.01, Travel::Forward));
-        assert_eq!(of(Sense::Carriage, Sense::Carriage), at(-100.0, 0.01, Travel::Reverse));
-        assert_eq!(of(Sense::Relative, Sense::Carriage), at(-100.0, -0.01, Travel::Reverse));
-        assert_eq!(of(Sense::Relative, Sense::Relative), at(100.0, 0.01, Travel::Forward));
-    }
-
-    #[test]
-    fn the_gauge_takes_slope_and_value_at_home() {
-        let line: Vec<Reading> =
-            [-100.0, 0.0, 100.0].map(|x| at(x, 0.5 + 1e-4 * x + x.abs() * 1e-3, Travel::Forward)).to_vec();
-        let straight = gauged(line.clone(), Component::Y, AxisName::X, Rule::EndPoint);
-        let expected = [0.1, 0.0, 0.1];
-        assert!(straight.iter().zip(expected).all(|(r, e)| (r.value - e).abs() < 1e-12), "{straight:?}");
-        let scale = gauged(line, Component::X, AxisName::X, Rule::EndPoint);
-        assert!((scale[2].value - 0.11).abs() < 1e-12 && scale[1].value == 0.0);
-    }
 }

@@ -3,12 +3,10 @@
 pub(super) mod axis_writer;
 mod sign_file;
 
-use self::axis_writer::{AxisWriter, Measured, Origin, means};
+use self::axis_writer::{AxisWriter, Measured, Origin};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
-use super::{CaseArgs, CaseFile, Column, Columns, Found, Front, Method, RunColumns, columns, printed};
-use crate::files::continue_text;
-use crate::prelude::*;
-use crate::units::column;
+use crate::identify::prelude::*;
+use volcomp_identify::straightness::runs::means;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
 use volcomp_identify::straightness::{Line, Rule, levers};
 
@@ -40,7 +38,7 @@ pub(crate) struct Args {
     out: AxisWriter,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct Case {
     x: Vec<f64>,
     y: Vec<f64>,
@@ -53,11 +51,10 @@ impl Method for Args {
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>> {
         let case: Case = file.read()?;
-        let fit = |rule: Rule| Ok((rule.name(), Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?));
-        let mut lines = Rule::ALL.into_iter().map(fit).collect::<Result<Vec<_>>>()?;
+        let mut lines = Line::of_all_rules(&case.x, &case.y).map_err(|e| file.bad(e))?;
         let mut json = json!({});
-        for (name, line) in &lines {
-            json[*name] = json!({
+        for (rule, line) in &lines {
+            json[rule.name()] = json!({
                 "slope": line.slope,
                 "intercept": line.intercept,
                 "straightness": line.straightness,
@@ -66,10 +63,11 @@ impl Method for Args {
             });
         }
         // in the order of their names
-        lines.sort_by_key(|(name, _)| *name);
+        lines.sort_by_key(|(rule, _)| rule.name());
         Ok(printed(json, move || {
             say!("line                   slope         intercept      straightness");
-            for (name, line) in &lines {
+            for (rule, line) in &lines {
+                let name = rule.name();
                 let [intercept, straightness] = [line.intercept, line.straightness].map(um_from_mm);
                 let slope = arcsec_from_rad(line.slope);
                 say_text!("{name:<14}{slope:>11.3} \"{intercept:>15.3} um{straightness:>15.3} um");
@@ -119,13 +117,11 @@ struct ErrorFigures {
 impl ErrorFigures {
     fn of(m: &Measured, axis: AxisName) -> Result<Self> {
         let (symbol, (x, y)) = (m.symbol(axis), means(&m.readings));
-        let mut lines = Vec::new();
-        if !symbol.is_angle() && m.component.index() != axis.direction() {
-            for rule in Rule::ALL {
-                let line = Line::fit(&x, &y, rule).map_err(|e| data!(symbol.to_string(), "{e}"))?;
-                lines.push((rule, line));
-            }
-        }
+        let lines = if symbol.is_angle() || m.component.index() == axis.direction() {
+            Vec::new()
+        } else {
+            Line::of_all_rules(&x, &y).map_err(|e| data!(symbol.to_string(), "{e}"))?
+        };
         let [low, high] = hull(y);
         Ok(Self { symbol, range: high - low, lines })
     }
@@ -178,11 +174,7 @@ fn mistake(what: impl core::fmt::Display) -> Failure {
 
 /// Compares a tilt test with the table, or makes the table from it.
 fn confirm(args: &Args, axis: AxisName, file: &mut SignFile, found: &[Option<TiltFound>; 6]) -> Result<()> {
-    let tilt_name = args
-        .tilt_test
-        .as_deref()
-        .and_then(Path::file_name)
-        .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let tilt_name = args.tilt_test.as_deref().map_or_else(String::new, file_name);
     for (channel, f) in Channel::ALL.into_iter().zip(found) {
         if let Some(f) = f {
             let (name, gain, std) = (channel.name(), f.gain, f.gain_std);
@@ -191,19 +183,12 @@ fn confirm(args: &Args, axis: AxisName, file: &mut SignFile, found: &[Option<Til
     }
     let known = file.set_ups.iter().find(|s| s.axis == axis).map(|s| s.table);
     let mut table = known.unwrap_or(SignTable { channels: [None; 6] });
-    for ((channel, slot), f) in Channel::ALL.into_iter().zip(&mut table.channels).zip(found) {
-        let Some(f) = f else { continue };
-        match slot {
-            Some(a) if *a != f.assignment => {
-                let (name, section, TiltFound { assignment, gain, gain_std }) =
-                    (channel.name(), axis.lower(), f);
-                return Err(mistake(format_args!(
-                    "[{section}] {name} = \"{a}\" in the sign table, but the tilt test shows \"{assignment}\" (gain {gain:.2} +- {gain_std:.2}); correct the table"
-                )));
-            }
-            _ => *slot = Some(f.assignment),
-        }
-    }
+    table.confirm(found).map_err(|(channel, a, TiltFound { assignment, gain, gain_std })| {
+        let (name, section) = (channel.name(), axis.lower());
+        mistake(format_args!(
+            "[{section}] {name} = \"{a}\" in the sign table, but the tilt test shows \"{assignment}\" (gain {gain:.2} +- {gain_std:.2}); correct the table"
+        ))
+    })?;
     table.check(axis).map_err(|e| mistake!(tilt_name, "{e}"))?;
     file.put(SetUp { axis, table, tilt_test: Some(tilt_name) });
     if !table.is_right_handed() {
@@ -231,12 +216,7 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
         return Ok(set_up.table);
     }
     if !set_up.table.is_right_handed() {
-        let wrong = Channel::ALL[3..]
-            .iter()
-            .zip(set_up.table.parity())
-            .filter(|(_, p)| *p == Some(false))
-            .map(|(c, _)| c.name())
-            .joined(", ");
+        let wrong = set_up.table.left_handed().map(Channel::name).joined(", ");
         return Err(mistake!(
             path,
             "[{}] is not a rotation of axes: {wrong} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",

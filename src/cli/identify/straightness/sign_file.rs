@@ -1,8 +1,6 @@
 //! The sign table of a 6D instrument, `volcomp-6d/1` (TOML), and its tilt test (CSV).
 
-use crate::files::from_toml;
-use crate::identify::{Column, Columns, columns};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
@@ -10,7 +8,7 @@ use volcomp_identify::straightness::signs::{
 /// The `format` of a sign table.
 const FORMAT: &str = "volcomp-6d/1";
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 struct FileWire {
     format: String,
@@ -23,7 +21,7 @@ struct FileWire {
     w: Option<SetUpWire>,
 }
 
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 struct SetUpWire {
     distance: Option<String>,
@@ -185,7 +183,7 @@ pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6]> {
     let applied = ["x_um", "y_um", "z_um", "a_arcsec", "b_arcsec", "c_arcsec"];
     let applied = ChannelColumns(applied.map(|name| table.find(&format!("applied_e{name}"))));
     let channels = ChannelColumns::find(&mut table);
-    table.only(|_| format!("columns are {}", table.known.join(", ")))?;
+    table.only_known()?;
     let read = |row: &Columns| Ok(TiltReading { applied: applied.read(row)?, channels: channels.read(row)? });
     tilt_test(&table.rows(read)?, channels.has()).map_err(|e| Failure::data(path, e))
 }

@@ -4,14 +4,9 @@ mod plan;
 mod read;
 mod report;
 
-use serde::Deserialize;
-
-use super::case::{refused, rows};
 use super::motion_curves::Origin;
-use crate::identify::{CaseArgs, CaseFile, CurveArgs, Found, Frame, Front, Method, TrackerArgs, printed};
-use crate::model_writer::{data_error, default_chain};
-use crate::prelude::*;
-use volcomp_identify::motion::{MotionRow, to_relative};
+use crate::identify::prelude::*;
+use volcomp_identify::motion::{MotionRow, slope, to_relative};
 use volcomp_identify::threepoint::{
     Geometry, Observation, PoseErrors, Seen, Series, ThreePointError, TrackerNoise, geometry, sides, solve,
     solve_series,
@@ -164,7 +159,7 @@ impl Method for Args {
         let series = Series { axis, workpiece_side, origin: self.origin_mm, reference };
         let mut fit = solve_series(&shots, &series).map_err(|e| data_error(data, e))?;
         follows_the_axis(data, &series, &fit.rows)?;
-        report::scale_by_misfit(&mut fit, frame.noise_is_stated);
+        fit.scale_by_misfit(frame.noise_is_stated);
         if workpiece_side {
             to_relative(&mut fit.rows);
         }
@@ -183,15 +178,7 @@ const NO_ERROR: f64 = 0.01;
 /// Refuses points that do not move by what the axis moves: another unit, axis or sign. `rows` hold the carriage's own motion.
 fn follows_the_axis(files: &[PathBuf], series: &Series, rows: &[MotionRow]) -> Result<()> {
     let axis = series.axis;
-    let n = rows.len() as f64;
-    let of = |r: &MotionRow| (r.position, r.motion[axis.direction()]);
-    let (mean_q, mean_e) = rows.iter().map(of).fold((0.0, 0.0), |m, (q, e)| (m.0 + q / n, m.1 + e / n));
-    let (mut qq, mut qe) = (0.0, 0.0);
-    for (q, e) in rows.iter().map(of) {
-        qq += (q - mean_q).powi(2);
-        qe += (q - mean_q) * (e - mean_e);
-    }
-    let slope = if qq > 0.0 { qe / qq } else { 0.0 };
+    let slope = slope(rows, axis.direction());
     if slope.abs() <= NO_ERROR {
         return Ok(());
     }

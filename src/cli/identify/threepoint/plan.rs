@@ -1,10 +1,7 @@
 //! `volcomp identify threepoint --plan`: points and runs for a wanted uncertainty.
 
 use super::{Args, read};
-use crate::arg_parsers::numbers;
-use crate::identify::{Found, printed};
-use crate::model_writer::default_chain;
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
 
 /// The three angular error motions.
@@ -86,12 +83,6 @@ fn chosen<'a>(row: &'a PlanRow, names: &'a [String]) -> Vec<&'a str> {
     row.chosen.iter().map(|i| names[*i].as_str()).collect()
 }
 
-/// Runs for all wanted angles.
-fn runs(row: &PlanRow, wanted: &[bool; 3]) -> Option<u32> {
-    let all: Option<Vec<u32>> = (0..3).filter(|i| wanted[*i]).map(|i| row.runs[i]).collect();
-    all?.into_iter().max()
-}
-
 fn as_json(plan: &Plan, request: &PlanRequest, names: &[String]) -> Value {
     let row = |r: &PlanRow| {
         json!({
@@ -99,7 +90,7 @@ fn as_json(plan: &Plan, request: &PlanRequest, names: &[String]) -> Value {
             "single_std": r.single,
             "floor_std": r.floor,
             "runs": r.runs,
-            "runs_for_angles": runs(r, &request.wanted),
+            "runs_for_angles": r.runs_for(&request.wanted),
             "condition_centroid": r.geometry.condition_centroid,
         })
     };
@@ -108,21 +99,15 @@ fn as_json(plan: &Plan, request: &PlanRequest, names: &[String]) -> Value {
         "coverage": plan.coverage,
         "positions": request.positions.len(),
         "rows": plan.rows.iter().map(row).collect::<Vec<_>>(),
-        "best": best.map(|r| json!({"points": chosen(r, names), "runs": runs(r, &request.wanted)})),
+        "best": best.map(|r| json!({"points": chosen(r, names), "runs": r.runs_for(&request.wanted)})),
     })
 }
 
 fn print(plan: &Plan, request: &PlanRequest, names: &[String], asked: &PlanArgs) {
     let target = asked.target_arcsec.unwrap_or_default();
-    let distance = |q: f64| {
-        let sign = if request.workpiece_side { -1.0 } else { 1.0 };
-        let mut at: Vec3 = request.origin - request.station;
-        at[request.axis.direction()] += sign * q;
-        let mean = request.points.iter().sum::<Vec3>() / request.points.len() as f64;
-        (at + mean).norm() / 1e3
-    };
     let count = request.positions.len();
-    let [first, last] = [request.positions[0], request.positions[count - 1]].map(distance);
+    let [first, last] =
+        [request.positions[0], request.positions[count - 1]].map(|q| request.distance(q) / 1e3);
     let (near, far) = (first.min(last), first.max(last));
     let (axis, confidence, k) = (request.axis, asked.confidence_percent, plan.coverage);
     say!(
@@ -147,7 +132,7 @@ fn print(plan: &Plan, request: &PlanRequest, names: &[String], asked: &PlanArgs)
     let wanted = wanted.joined(" ");
     match plan.best.map(|i| &plan.rows[i]) {
         Some(row) => {
-            let (runs, n) = (runs(row, &request.wanted).unwrap_or(1), row.chosen.len());
+            let (runs, n) = (row.runs_for(&request.wanted).unwrap_or(1), row.chosen.len());
             let readings = 2 * u64::from(runs) * n as u64 * count as u64;
             let points = chosen(row, names).join(" ");
             say!("fewest readings for {wanted}: {n} points ({points}), {runs} runs, {readings} readings");

@@ -1,7 +1,6 @@
 //! The files of the n-point method.
 
-use crate::identify::{Frame, PointColumns, TrackerArgs, columns};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::threepoint::{Seen, Shot};
 
 /// Endings of the columns of a point.

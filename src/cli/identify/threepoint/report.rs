@@ -1,9 +1,7 @@
 //! What the n-point method says about an axis.
 
 use super::of_geometry;
-use crate::identify::motion_curves::Report;
-use crate::identify::{Frame, Motions, Registered};
-use crate::prelude::*;
+use crate::identify::prelude::*;
 use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
 
 /// Everything there is to say beside the motions.
@@ -12,15 +10,6 @@ pub(super) struct Threepoint {
     pub(super) fit: SeriesFit,
     pub(super) frame: Frame,
     pub(super) workpiece_side: bool,
-}
-
-/// Where the residuals are larger than the stated noise, or none was stated, the covariances follow the residuals.
-pub(super) fn scale_by_misfit(fit: &mut SeriesFit, noise_is_stated: bool) {
-    let Some(factor) = fit.noise_factor else { return };
-    let factor = if noise_is_stated { factor.max(1.0) } else { factor };
-    for row in &mut fit.rows {
-        row.covariance *= factor * factor;
-    }
 }
 
 impl Threepoint {
@@ -33,20 +22,9 @@ impl Threepoint {
         self.fit.suspect.map(|(i, lead)| (self.names[i].as_str(), lead))
     }
 
-    /// Share of the positions that fail the test on their own.
-    fn failing(&self) -> usize {
-        self.fit.poses.iter().filter(|p| p.p_value < SIGNIFICANT).count()
-    }
-
-    /// Index of the row that fails most.
-    fn worst_row(&self) -> Option<usize> {
-        let failing = self.fit.poses.iter().enumerate().filter(|(_, p)| p.p_value < SIGNIFICANT);
-        failing.max_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).map(|(i, _)| i)
-    }
-
     /// That row, for a message.
     fn worst_row_text(&self) -> String {
-        self.worst_row().map_or_else(String::new, |i| {
+        self.fit.worst_row().map_or_else(String::new, |i| {
             let (pose, row) = (&self.fit.poses[i], &self.fit.rows[i]);
             let cycle = if row.cycle > 0 { format!(", cycle {}", row.cycle) } else { String::new() };
             format!(
@@ -56,15 +34,6 @@ impl Threepoint {
                 pose.chi2,
                 pose.dof
             )
-        })
-    }
-
-    /// Largest difference of the linear and the rigid model on unweighted data has no meaning where weights differ;
-    /// here it bounds both causes together.
-    fn linear_against_rigid(&self) -> (f64, f64) {
-        self.fit.poses.iter().fold((0.0, 0.0), |(d, e), p| {
-            let difference = p.motion - p.rigid;
-            (d.max(difference.fixed_rows::<3>(0).amax()), e.max(difference.fixed_rows::<3>(3).amax()))
         })
     }
 }
@@ -109,7 +78,7 @@ impl Report for Threepoint {
             ),
             _ => say!("rigidity: not testable"),
         }
-        let (shift, turn) = self.linear_against_rigid();
+        let (shift, turn) = self.fit.linear_against_rigid();
         let (shift, turn) = (um_from_mm(shift), arcsec_from_rad(turn));
         say_text!("linear against rigid fit: at most {shift:.4} um, {turn:.5} arcsec");
         say!();
@@ -122,7 +91,7 @@ impl Report for Threepoint {
         if self.p_value().is_some_and(|p| p < SIGNIFICANT)
             && let (Some((name, lead)), Some(factor)) = (self.suspect(), self.fit.noise_factor)
         {
-            let failing = self.failing();
+            let failing = self.fit.failing();
             let worst = self.worst_row_text();
             if lead > 1.5 {
                 note!(
@@ -151,8 +120,8 @@ impl Report for Threepoint {
                 "dof": self.fit.dof,
                 "p_value": self.p_value(),
                 "noise_factor": self.fit.noise_factor,
-                "worst_row": self.p_value().and_then(|_| self.worst_row()).map(|i| i + 1),
-                "failing_rows": self.p_value().map(|_| self.failing()),
+                "worst_row": self.p_value().and_then(|_| self.fit.worst_row()).map(|i| i + 1),
+                "failing_rows": self.p_value().map(|_| self.fit.failing()),
                 "suspect_point": self.suspect().map(|s| s.0),
                 "suspect_lead": self.suspect().map(|s| s.1),
             },

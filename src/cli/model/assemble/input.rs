@@ -1,7 +1,6 @@
 //! What is put together: model files and tables of motions, each with its hash.
 
 use super::Args;
-use crate::acceptance::file_name;
 use crate::fit::input::{BySymbol, Direction, Format, read};
 use crate::prelude::*;
 use volcomp_identify::assemble::Source;
@@ -46,9 +45,8 @@ impl Loaded {
 /// `z=z-axis.csv`.
 pub(super) fn motion(text: &str) -> Result<(AxisName, PathBuf), String> {
     let (axis, file) = text.split_once('=').ok_or("write axis and file, such as z=z-axis.csv")?;
-    let mut letters = axis.chars();
-    match (letters.next().and_then(AxisName::from_letter), letters.next()) {
-        (Some(axis), None) if !file.is_empty() => Ok((axis, PathBuf::from(file))),
+    match axis_letter(axis) {
+        Ok(axis) if !file.is_empty() => Ok((axis, PathBuf::from(file))),
         _ => Err(format!("invalid axis and file '{text}'; write for example z=z-axis.csv")),
     }
 }
@@ -172,8 +170,7 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
     let mut spec = ModelSpec { errors: Vec::new(), axes: vec![entry], ..base.clone() };
     for (symbol, readings) in by_symbol {
         let fit = curve::fit(&readings.readings, &Request::default())
-            .map_err(|e| if axis.kind() == AxisKind::Rotary { e.in_degrees() } else { e })
-            .map_err(|e| data!(path, "{symbol}: {e}"))?;
+            .map_err(|e| data!(path, "{symbol}: {}", e.in_units_of(axis.kind())))?;
         let std = fit.standard_uncertainty();
         spec.errors.push((symbol, ErrorFunction { std, ..ErrorFunction::single(fit.curve) }));
     }

@@ -37,7 +37,7 @@ impl Panel {
     fn of(spec: &ModelSpec, symbol: ErrorSymbol) -> Self {
         let name = symbol.axis();
         let empty = ErrorFunction::default();
-        let function = spec.errors.iter().find(|(s, _)| *s == symbol).map_or(&empty, |(_, f)| f);
+        let function = spec.error(symbol).unwrap_or(&empty);
         let [low, high] = range(spec, name);
         let directed =
             function.curves.iter().any(|c| matches!(c, Curve::Table(t) if t.columns().2.is_some()));
@@ -98,11 +98,7 @@ fn grids(spec: &ModelSpec, symbol: ErrorSymbol, function: &ErrorFunction, x: f64
         Some([low, high]) => low + share * (high - low),
         None => spec.chain.index_of(axis).map_or(0.0, |k| home.position[k]),
     };
-    let value = |grid: &volcomp_model::curve::Grid| {
-        let at: Vec<f64> = grid.axes().map(|a| if a == symbol.axis() { x } else { other(a) }).collect();
-        grid.value(&at).0
-    };
-    function.grids.iter().map(value).sum()
+    function.grids_value(|axis| if axis == symbol.axis() { x } else { other(axis) })
 }
 
 /// What an error motion is called.
