@@ -297,7 +297,9 @@ fn count_from_ball_zero(
         return false;
     }
     let score = |problem: &mut Problem, library: &Library, selection: &Selection| {
-        (selection.evidence(problem, library) - problem.y.norm_squared(), selection.chosen.len())
+        // what is left beyond the noise, and the price of the causes
+        let left = problem.y.norm_squared() - problem.len() as f64 - selection.evidence(problem, library);
+        (left, selection.chosen.len())
     };
     let now = score(problem, library, selection);
     let (mut library, mut selection) = (library.clone(), selection.clone());
@@ -311,9 +313,9 @@ fn count_from_ball_zero(
     let then = score(&mut problem, &library, &selection);
     // what takes as many causes to say a little more, or further ones, may only be the misform of one
     let counts = match then.1.cmp(&now.1) {
-        Ordering::Less => then.0 > now.0 + search::SWAP_GAIN,
-        Ordering::Equal => then.0 > now.0 + SIGNIFICANT * SIGNIFICANT,
-        Ordering::Greater => then.0 > HALF * now.0,
+        Ordering::Less => then.0 < now.0 - search::SWAP_GAIN,
+        Ordering::Equal => then.0 < now.0 - SIGNIFICANT * SIGNIFICANT,
+        Ordering::Greater => then.0 < (HALF * now.0).min(now.0 - SIGNIFICANT * SIGNIFICANT),
     };
     if counts {
         *raw = raw_from_zero;

@@ -41,6 +41,7 @@ pub(super) fn find_causes(
         selection.search(problem, library);
         selection.single_out(problem, library);
         selection.expel(problem, library);
+        search::one_of_two(problem, session, filter, library, selection);
         selection.absorb(problem, library);
     }
     // what was refined has new columns

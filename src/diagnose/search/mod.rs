@@ -28,6 +28,6 @@ pub use pivot::{tilt_about_pivots, turn_about_pivots};
 pub use problem::{Given, Problem};
 pub use raw_columns::{RawColumns, raw_columns};
 pub use refine::{one_response_per_axis, refine};
-pub use rival_comparison::{challenge, one_worn_place};
+pub use rival_comparison::{challenge, one_of_two, one_worn_place};
 pub use select::{CURVES, Found, SAME_NOISE, SWAP_GAIN, Selection, evidence, threshold};
 pub use variation::Variation;

@@ -1,7 +1,7 @@
 //! Other effects in the place of chosen ones, compared between the values of their grids: a coarse grid must not decide between
 //! names.
 
-use super::super::constants::{LITTLE, NEARLY, SURE, TRIED};
+use super::super::constants::{HALF, LITTLE, NEARLY, SURE, TRIED};
 use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
@@ -54,6 +54,54 @@ pub fn challenge(
         put(problem, session, filter, library, v, shape);
         selection.chosen[place] = v;
     }
+}
+
+/// Of two effects that take back what the other says the one that, refined alone, explains nearly as much as both.
+pub fn one_of_two(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    while let Some((stays, shape, others)) = instead_of_both(problem, session, filter, library, selection) {
+        put(problem, session, filter, library, stays, shape);
+        selection.chosen = [&others[..], &[stays]].concat();
+    }
+    problem.prepare(&selection.chosen);
+}
+
+/// The variant, its shape and the rest of the effects for a pair that one of the two replaces.
+fn instead_of_both(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &Library,
+    selection: &Selection,
+) -> Option<(usize, Shape, Vec<usize>)> {
+    let n = selection.chosen.len();
+    for (a, b) in (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))) {
+        let pair = [selection.chosen[a], selection.chosen[b]];
+        if selection.cosine(problem, pair) > -HALF {
+            continue;
+        }
+        let others = selection.without(&[a, b]);
+        let now = selection.evidence_beside(problem, library, &others, &pair);
+        let given = Selection::given(problem, &others);
+        let beside = Beside::new(problem, &others);
+        let alone = pair.map(|own| {
+            let v = selection.best_of(problem, library, &given, own);
+            let (gain, rank, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
+            (evidence(gain, rank, selection.grid[library.variants[v].label]), v, shape)
+        });
+        let best = alone.into_iter().max_by(|x, y| x.0.total_cmp(&y.0));
+        if let Some((e, v, shape)) = best
+            && e > NEARLY * now
+        {
+            return Some((v, shape, others));
+        }
+    }
+    None
 }
 
 /// A table of positions may be a worn place that none of the grid looks like: one worn place in the place of all curves over

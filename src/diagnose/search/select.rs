@@ -296,7 +296,7 @@ impl Selection {
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
                     && (best.evidence > now
-                        || best.evidence > NEARLY * now && self.cancel(problem, [first, second]))
+                        || best.evidence > NEARLY * now && self.cosine(problem, [first, second]) < -NEARLY)
                 {
                     let variant = best.variant;
                     self.chosen = others;
@@ -307,12 +307,12 @@ impl Selection {
         }
     }
 
-    /// True where each of two chosen effects takes back what the other says.
-    fn cancel(&self, problem: &mut Problem, pair: [usize; 2]) -> bool {
+    /// Cosine of what two chosen effects say: negative where each takes back what the other says.
+    pub(super) fn cosine(&self, problem: &mut Problem, pair: [usize; 2]) -> f64 {
         let given = Self::given(problem, &self.chosen);
         let beta = problem.fit(&given);
         let [a, b] = pair.map(|v| problem.part(&given, &beta, v));
-        a.dot(&b) < -NEARLY * a.norm() * b.norm()
+        a.dot(&b) / (a.norm() * b.norm()).max(f64::MIN_POSITIVE)
     }
 
     /// Leaves one name to what is one thing with two: a table of positions and a worn place of the same axis, lost motion and
@@ -340,7 +340,7 @@ impl Selection {
     }
 
     /// The best variant of the effect of `own` beside what is given.
-    fn best_of(&self, problem: &Problem, library: &Library, given: &Given, own: usize) -> usize {
+    pub(super) fn best_of(&self, problem: &Problem, library: &Library, given: &Given, own: usize) -> usize {
         let label = library.variants[own].label;
         let value = |v: usize| (self.found(problem, library, given, v).evidence, v);
         let others = library
