@@ -3,8 +3,11 @@
 use nalgebra::DVector;
 
 use super::super::library::{Kind, Label, Lever, Library, Shape, Variant, forms};
+use super::super::machine_state::Machine;
 use super::super::moment::Axis;
-use super::{Problem, Selection};
+use super::super::noise::{ClassNoise, Filter};
+use super::super::session::{History, Raw, Session};
+use super::{Problem, Selection, one_of_two};
 
 const N: usize = 400;
 
@@ -188,4 +191,54 @@ fn a_beam_that_turns_its_end_and_does_not_drop_is_no_beam() {
     };
     assert_eq!(said(20.0), ["sag"]);
     assert!(said(0.0).is_empty());
+}
+
+/// A laser along X, four times there, with this deviation in um.
+fn laser(deviation_um: impl Fn(f64) -> f64) -> Session {
+    let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
+    let mut raw = Raw {
+        file: "laser".to_owned(),
+        names: names.map(str::to_owned).into(),
+        columns: vec![Vec::new(); names.len()],
+        ..Raw::default()
+    };
+    for k in 0..400_u32 {
+        let (run, x_mm) = (f64::from(k / 100), 10.0 * f64::from(k % 100));
+        let noise_um = 0.3 * (1.3 * f64::from(k * k)).sin();
+        let t_s = 10.0 * f64::from(k) + f64::from(k % 7);
+        let row = [t_s, 1.0, run, run, x_mm, 1.0, 0.0, 0.0, deviation_um(x_mm) + noise_um];
+        raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
+        raw.instruments.push("laser".to_owned());
+        raw.lines.push(u64::from(k) + 2);
+    }
+    Session::build(&[raw], History::default(), Machine::plain()).expect("a session")
+}
+
+#[test]
+fn two_that_take_back_each_other_are_one_where_it_explains_as_much() {
+    let worn = |centre_mm| {
+        Shape::Wear(forms::Wear { axis: Axis::X, centre_mm, width_mm: 60.0, power: 2.0, order: None })
+    };
+    let mut library = Library {
+        labels: ["one", "other"].map(|effect| Label { effect, subject: "x".to_owned() }).to_vec(),
+        kinds: vec![Kind::Machine; 2],
+        variants: [300.0, 330.0]
+            .into_iter()
+            .enumerate()
+            .map(|(label, c)| Variant { label, shape: worn(c) })
+            .collect(),
+        ..Library::default()
+    };
+    // where neither stands: the difference of both is nearly at it
+    let session = laser(|x| 8.0 * (-((x - 270.0) / 60.0_f64).powi(2) / 2.0).exp());
+    let noise = [ClassNoise { white_um: 0.21, drift_um: 0.0, drift_s: 1.0 }];
+    let filter = Filter::new(&session, &noise, &vec![true; session.readings.len()]);
+    let mut problem = Problem::new(&session, &library, &filter, &session.gap(), &[0.21]);
+    let mut selection =
+        Selection { chosen: vec![0, 1], threshold: 10.0, grid: vec![1; 2], ..Selection::default() };
+    assert!(selection.cosine(&mut problem, [0, 1]) < -0.5);
+    one_of_two(&mut problem, &session, &filter, &mut library, &mut selection);
+    let [own] = selection.chosen[..] else { panic!("{:?}", selection.chosen) };
+    let Shape::Wear(found) = &library.variants[own].shape else { panic!("a worn place") };
+    assert!((found.centre_mm - 270.0).abs() < 3.0, "{found:?}");
 }
