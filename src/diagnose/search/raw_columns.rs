@@ -30,9 +30,9 @@ impl RawColumns {
     /// The columns of a library; at the same rows as before only those of new shapes are computed.
     pub(super) fn of(&mut self, session: &Session, library: &Library, rows: &[usize]) -> Vec<f64> {
         let width = library.width();
+        let widths = |shapes: &[Shape]| shapes.iter().map(Shape::width).collect::<Vec<_>>();
         let is_known = self.rows == rows
-            && self.data.len() == rows.len() * width
-            && self.shapes.len() == library.variants.len();
+            && widths(&self.shapes) == library.variants.iter().map(|v| v.shape.width()).collect::<Vec<_>>();
         if !is_known {
             let data = raw_columns(session, library, rows);
             if data.len() <= KEPT_MAX {
