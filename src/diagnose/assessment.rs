@@ -4,7 +4,7 @@
 use super::constants::{CURVE_SAME, HALF, INEXACT, NEARLY};
 use super::decision::Evidence;
 use super::library::{Label, Library, Shape};
-use super::search::{CURVES, Found, Problem, SAME_NOISE, Selection, evidence, figures};
+use super::search::{CURVES, Found, Problem, SAME_NOISE, Selection, figures};
 
 /// Collects the evidence of every chosen effect, whose columns are prepared.
 #[must_use]
@@ -38,8 +38,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
     let others: Vec<usize> =
         selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
     let given = problem.given(&others);
-    let (gain, rank) = problem.gain(&given, variant);
-    let own = Found { variant, gain, rank, evidence: evidence(gain, rank, selection.grid[label]) };
+    let own = selection.found(problem, library, &given, variant);
     let mut taken: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
     // beside a lag that is in, another one is the difference of two lags: an acceleration under a wrong name
     if !is_lag(library, label) && taken.iter().any(|l| is_lag(library, *l)) {
@@ -60,7 +59,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         .map(|(l, _)| library.labels[l].clone())
         .collect();
     same.extend(library.behind(shape).cloned());
-    same.extend(slope_of(problem, library, selection, place, gain, &same));
+    same.extend(slope_of(problem, library, selection, place, own.gain, &same));
     // where its variation stands among the noise, evidence has been discounted already
     let is_varied = problem.variation().is_some_and(|v| v.of(label).is_some());
     let inexact = INEXACT[usize::from(is_varied)];

@@ -40,7 +40,7 @@ use evidence::Comparison;
 use library::{Kind, Library, Shape, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, RawColumns, Selection};
-use session::{BallZero, Note, Session};
+use session::{Note, Session};
 
 pub use next::Dialect;
 pub use outcome::{Budget, Correction, Curve, Diagnosis, FittedLine, Level, ProgramResidual, Shares};
@@ -115,7 +115,7 @@ struct Analysis {
 /// Diagnoses a session whose predictions are filled in; `tell` hears of the progress (share done, what is done).
 pub fn diagnose(
     session: &mut Session,
-    fresh: Option<&mut Session>,
+    mut fresh: Option<&mut Session>,
     options: &Options,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
@@ -148,16 +148,14 @@ pub fn diagnose(
                 .to_owned(),
         ));
     }
-    let fresh = counted_alike(session, fresh);
+    // fresh readings count as those of the session do
+    if session.ball_zero.is_some()
+        && let Some(fresh) = &mut fresh
+    {
+        fresh.count_from_ball_zero();
+    }
     tell(0.85, "tests of the causes");
     outcome::conclude(session, fresh, options, &analysis, tell)
-}
-
-/// Fresh readings, counted as those of the session are.
-fn counted_alike<'a>(session: &Session, fresh: Option<&'a mut Session>) -> Option<&'a mut Session> {
-    let fresh = fresh?;
-    fresh.ball_zero = session.ball_zero.as_ref().and_then(|_| BallZero::of(fresh));
-    Some(fresh)
 }
 
 /// The length error of the ballbar by set-up in a campaign, um, where it is an effect that stands out: a constant of the set-up
@@ -231,7 +229,7 @@ fn analyse(
         spatial_variation::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
         if round == 1
-            && count_from_ball_zero(session, &mut problem, raw, (&library, &selection), (&filter, &white))
+            && likelier_from_ball_zero(session, &mut problem, raw, (&library, &selection), (&filter, &white))
         {
             return analyse(session, options, raw, tell);
         }
@@ -282,18 +280,14 @@ fn analyse(
 
 /// Counts all that the ball of an R-test shows from where the ball was centred, where that says more of the gap than the state at
 /// each row does, for which `problem` and the selection stand; true where it does so from now on.
-fn count_from_ball_zero(
+fn likelier_from_ball_zero(
     session: &mut Session,
     problem: &mut Problem,
     raw: &mut RawColumns,
     (library, selection): (&Library, &Selection),
     (filter, white): (&Filter, &[f64]),
 ) -> bool {
-    if session.ball_zero.is_some() || selection.is_plain {
-        return false;
-    }
-    session.ball_zero = BallZero::of(session);
-    if session.ball_zero.is_none() {
+    if selection.is_plain || !session.count_from_ball_zero() {
         return false;
     }
     let score = |problem: &mut Problem, library: &Library, selection: &Selection| {
@@ -334,11 +328,7 @@ fn likelier_zero(
     analysis: Analysis,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Analysis {
-    if session.ball_zero.is_some() {
-        return analysis;
-    }
-    session.ball_zero = BallZero::of(session);
-    if session.ball_zero.is_none() {
+    if !session.count_from_ball_zero() {
         return analysis;
     }
     let from_zero = analyse(session, options, raw, tell);

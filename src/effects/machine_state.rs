@@ -222,7 +222,7 @@ impl MachineState {
             let (i, linear) = (axis.slot(), axis.is_linear());
             let (unit, factor) = if linear { ("mm", 1.0) } else { ("deg", RAD_PER_DEG) };
             add(axis.column(), Box::new(move |m, v| m.position[i] = v * factor));
-            add(format!("v{axis}_{unit}_per_s"), Box::new(move |m, v| m.velocity[i] = v * factor));
+            add(axis.velocity_column(), Box::new(move |m, v| m.velocity[i] = v * factor));
             add(format!("a{axis}_{unit}_per_s2"), Box::new(move |m, v| m.acceleration[i] = v * factor));
             add(format!("dir_{axis}"), Box::new(move |m, v| m.direction[i] = v));
             add(format!("since_reversal_{axis}_{unit}"), Box::new(move |m, v| m.since_mm[i] = v * factor));

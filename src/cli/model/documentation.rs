@@ -195,7 +195,7 @@ impl Documented<'_> {
 
     /// Symbols with an error function that the chain has.
     fn covered(&self) -> Vec<ErrorSymbol> {
-        let of = |s: &ErrorSymbol| self.spec().errors.iter().any(|(other, _)| other == s);
+        let of = |s: &ErrorSymbol| self.spec().error(*s).is_some();
         self.spec().chain.error_symbols().into_iter().filter(of).collect()
     }
 

@@ -312,12 +312,7 @@ pub(super) fn compare(
     let y = DVector::from_vec(mean_of_members(&base.groups, &own, 1));
     let raw = raw_columns(session, library, &members);
     let raw = mean_of_members(&base.groups, &raw, library.width());
-    let mut span = Vec::with_capacity(library.variants.len());
-    let mut at = 0;
-    for v in &library.variants {
-        span.push((at, v.shape.width()));
-        at += v.shape.width();
-    }
+    let span = library.spans();
     let label = library.variants.iter().map(|v| v.label).collect();
     let rank = ranks(library);
     let names = library.variants.iter().flat_map(|v| v.shape.parameters());

@@ -16,12 +16,7 @@ fn iso_test(deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
 fn iso_test_of(targets: u32, mut deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
     let names =
         ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um", "dir_x", "moving"];
-    let mut raw = Raw {
-        file: "iso".to_owned(),
-        names: names.map(str::to_owned).into(),
-        columns: vec![Vec::new(); names.len()],
-        ..Raw::default()
-    };
+    let mut raw = Raw::made_up("iso", &names);
     let mut t = 0.0;
     for cycle in 0..5 {
         for direction in [1.0, -1.0] {
@@ -32,9 +27,7 @@ fn iso_test_of(targets: u32, mut deviation_um: impl FnMut(f64, f64, usize, f64) 
                 let run = (2 * cycle + usize::from(direction < 0.0)) as f64;
                 let d = deviation_um(x, direction, cycle, t);
                 let row = [t, 0.0, run, cycle as f64, x, 1.0, 0.0, 0.0, d, direction, 0.0];
-                raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
-                raw.instruments.push("laser".to_owned());
-                raw.lines.push(raw.lines.len() as u64 + 2);
+                raw.push("laser", raw.lines.len() as u64 + 2, &row);
                 t += 20.0;
             }
             t += 15.0;
@@ -178,13 +171,7 @@ fn plate(seed: u64, wild: [f64; 2]) -> Raw {
     let mut random = Random::new(seed);
     let names =
         ["t_s", "setup", "run", "repeat", "x_mm", "y_mm", "u_x", "u_y", "u_z", "deviation_um", "moving"];
-    let mut raw = Raw {
-        file: "plate".to_owned(),
-        names: names.map(str::to_owned).into(),
-        columns: vec![Vec::new(); names.len()],
-        times: Some(Times::Ordinal),
-        ..Raw::default()
-    };
+    let mut raw = Raw { times: Some(Times::Ordinal), ..Raw::made_up("plate", &names) };
     for hole in 0..16u32 {
         let k = 7 * hole % 16;
         let [x, y] = [k % 4, k / 4].map(|i| 60.0 * f64::from(i));
@@ -193,9 +180,7 @@ fn plate(seed: u64, wild: [f64; 2]) -> Raw {
             let d = if axis == 0 { 0.09 * y } else { 0.0 } + bad + 2.0 * random.normal();
             let u = [0, 1].map(|i| f64::from(u8::from(i == axis)));
             let row = [f64::from(hole), 0.0, 0.0, 0.0, x, y, u[0], u[1], 0.0, d, 0.0];
-            raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
-            raw.instruments.push("cmm".to_owned());
-            raw.lines.push(u64::from(hole) + 2);
+            raw.push("cmm", u64::from(hole) + 2, &row);
         }
     }
     raw
@@ -218,21 +203,14 @@ fn readings_that_turn_are_averaged_along_the_path() {
     let names: Vec<&str> =
         "t_s setup run repeat x_mm y_mm u_x u_y u_z deviation_um dir_x dir_y moving".split(' ').collect();
     let n = 3000;
-    let mut raw = Raw {
-        file: "ballbar".to_owned(),
-        names: names.iter().map(|n| (*n).to_owned()).collect(),
-        columns: vec![Vec::new(); names.len()],
-        ..Raw::default()
-    };
+    let mut raw = Raw::made_up("ballbar", &names);
     for k in 0..n {
         let t = k as f64 * 0.02;
         let (sin, cos) = (std::f64::consts::TAU * k as f64 / n as f64).sin_cos();
         let (x, y) = (100.0 + 50.0 * cos, 100.0 + 50.0 * sin);
         let row =
             [t, 0.0, 0.0, 0.0, x, y, cos, sin, 0.0, 9.0 * sin * cos, (-sin).signum(), cos.signum(), 1.0];
-        raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
-        raw.instruments.push("ballbar".to_owned());
-        raw.lines.push(k as u64 + 2);
+        raw.push("ballbar", k as u64 + 2, &row);
     }
     let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
     let groups = super::grouping::groups(&session, &vec![true; n]).expect("groups");

@@ -113,6 +113,17 @@ impl Library {
         self.variants.iter().map(|v| v.shape.width()).sum()
     }
 
+    /// First column and number of columns of each variant.
+    #[must_use]
+    pub fn spans(&self) -> Vec<(usize, usize)> {
+        let spans = self.variants.iter().scan(0, |at, v| {
+            let (first, k) = (*at, v.shape.width());
+            *at += k;
+            Some((first, k))
+        });
+        spans.collect()
+    }
+
     /// The variants of each label.
     #[must_use]
     pub fn by_label(&self) -> Vec<Vec<usize>> {

@@ -99,21 +99,14 @@ mod tests {
     /// Holes on a grid of four by four, once or in two clampings, 60 mm apart.
     fn plate(clampings: u32, shift_mm: f64) -> Session {
         let names = ["t_s", "setup", "run", "repeat", "x_mm", "y_mm", "u_x", "u_y", "u_z", "deviation_um"];
-        let mut raw = Raw {
-            file: "plate".to_owned(),
-            names: names.map(str::to_owned).into(),
-            columns: vec![Vec::new(); names.len()],
-            ..Raw::default()
-        };
+        let mut raw = Raw::made_up("plate", &names);
         for k in 0..16 * clampings {
             let [setup, i, j] = [k / 16, k % 4, k / 4 % 4].map(f64::from);
             for axis in [0.0, 1.0] {
                 let [x, y] = [60.0 * i + shift_mm * setup, 60.0 * j];
                 let t = 10.0 * f64::from(k) + axis;
                 let row = [t, setup, setup, 0.0, x, y, 1.0 - axis, axis, 0.0, 0.7 * i - 0.3 * j + axis];
-                raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
-                raw.instruments.push("cmm".to_owned());
-                raw.lines.push(u64::from(k) + 2);
+                raw.push("cmm", u64::from(k) + 2, &row);
             }
         }
         Session::build(&[raw], History::default(), Machine::plain()).expect("a session")

@@ -67,17 +67,9 @@ impl Factor {
             return;
         }
         row.copy_from_slice(g);
-        // rows of columns that were left out are zero; four at a time for each time that the row is read and written
-        let l = &self.l[i * self.n..];
-        let none = vec![0.0; row.len()];
-        for (some, l) in before.chunks(4 * row.len().max(1)).zip(l[..i].chunks(4)) {
-            let before = |k: usize| some.get(k * none.len()..(k + 1) * none.len()).unwrap_or(&none);
-            let l: [f64; 4] = core::array::from_fn(|k| l.get(k).copied().unwrap_or(0.0));
-            let others = before(0).iter().zip(before(1)).zip(before(2).iter().zip(before(3)));
-            for (r, ((a, b), (c, d))) in row.iter_mut().zip(others) {
-                *r -= l[0] * a + l[1] * b + (l[2] * c + l[3] * d);
-            }
-        }
+        // rows of columns that were left out are zero
+        let factors: Vec<f64> = self.l[i * self.n..][..i].iter().map(|l| -l).collect();
+        add_multiples(row, before, &factors);
         let root = self.l[i * self.n + i];
         for r in row {
             *r /= root;
@@ -119,6 +111,27 @@ impl Factor {
             }
         }
         out
+    }
+}
+
+/// Rows that are added for each time that a sum is read and written.
+pub(super) const ROWS: usize = 4;
+
+/// Adds multiples of rows, which lie one after the other.
+pub(super) fn add_multiples(sum: &mut [f64], rows: &[f64], factors: &[f64]) {
+    let width = sum.len();
+    for (rows, factors) in rows.chunks(ROWS * width.max(1)).zip(factors.chunks(ROWS)) {
+        if let [p, q, r, s] = *factors {
+            let (first, second) = rows.split_at(2 * width);
+            let ((a, b), (c, d)) = (first.split_at(width), second.split_at(width));
+            for (sum, ((a, b), (c, d))) in sum.iter_mut().zip(a.iter().zip(b).zip(c.iter().zip(d))) {
+                *sum += p * a + q * b + (r * c + s * d);
+            }
+        } else {
+            for (row, factor) in rows.chunks(width.max(1)).zip(factors) {
+                sum.iter_mut().zip(row).for_each(|(sum, v)| *sum += factor * v);
+            }
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::data_partition::{Places, blocks, programs};
 use super::low_rank::LowRank;
-use super::pivoted_cholesky::Factor;
+use super::pivoted_cholesky::{Factor, ROWS, add_multiples};
 use super::raw_columns::{RawColumns, raw, raw_columns};
 use super::variation::Variation;
 
@@ -95,13 +95,7 @@ impl Problem {
         }
         filter.apply(&mut data, width);
         let mut w = DMatrix::from_vec(width, rows.len(), data);
-        let mut span = Vec::with_capacity(library.variants.len());
-        let mut at = 0;
-        for v in &library.variants {
-            let k = v.shape.width();
-            span.push((at, k));
-            at += k;
-        }
+        let span = library.spans();
         let y = DVector::from_vec(filter.column(gap));
         let Scaled { length, b, own } =
             Scaled::to_unit_length(&mut w, &y, &span, |j, square| square > 1e-9 * before[j]);
@@ -187,19 +181,13 @@ impl Problem {
         }
         let width = self.b.len();
         let mut products = DMatrix::zeros(width, columns.len());
-        let none = vec![0.0; width];
-        // four readings for each time that a sum is read and written
-        for some in self.w.as_slice().chunks(4 * width) {
-            let row = |k: usize| some.get(k * width..(k + 1) * width).unwrap_or(&none);
-            let rows = [row(0), row(1), row(2), row(3)];
+        for rows in self.w.as_slice().chunks(ROWS * width) {
             for (mut product, c) in products.column_iter_mut().zip(&columns) {
-                let own = rows.map(|r| r[*c]);
+                let mut own = [0.0; ROWS];
+                own.iter_mut().zip(rows[*c..].iter().step_by(width)).for_each(|(own, v)| *own = *v);
                 // most effects act in some of the programs
-                if own != [0.0; 4] {
-                    let others = rows[0].iter().zip(rows[1]).zip(rows[2].iter().zip(rows[3]));
-                    for (sum, ((a, b), (c, d))) in product.as_mut_slice().iter_mut().zip(others) {
-                        *sum += own[0] * a + own[1] * b + (own[2] * c + own[3] * d);
-                    }
+                if own != [0.0; ROWS] {
+                    add_multiples(product.as_mut_slice(), rows, &own[..rows.len() / width]);
                 }
             }
         }
@@ -255,15 +243,13 @@ impl Problem {
 
     /// Takes the variation of effects for noise, in the place of the one before.
     pub fn vary(&mut self, variation: Option<Variation>) {
-        let discrepancy = self.discrepancy.clone();
-        self.join(discrepancy, variation);
+        self.leave_variation();
+        self.join_variation(variation);
     }
 
     /// Takes a discrepancy and a variation of effects beside it for noise, in the place of those before.
     pub fn join(&mut self, discrepancy: Option<LowRank>, variation: Option<Variation>) {
-        if let Some(old) = self.variation.take() {
-            old.noise.turn_all(&mut self.w, &mut self.y, true);
-        }
+        self.leave_variation();
         if self.discrepancy != discrepancy {
             if let Some(old) = self.discrepancy.take() {
                 old.turn_all(&mut self.w, &mut self.y, true);
@@ -273,6 +259,17 @@ impl Problem {
             }
             self.discrepancy = discrepancy;
         }
+        self.join_variation(variation);
+    }
+
+    /// Columns and gap as they were before the variation; of unit length once another one has joined.
+    fn leave_variation(&mut self) {
+        if let Some(old) = self.variation.take() {
+            old.noise.turn_all(&mut self.w, &mut self.y, true);
+        }
+    }
+
+    fn join_variation(&mut self, variation: Option<Variation>) {
         if let Some(new) = &variation {
             new.noise.turn_all(&mut self.w, &mut self.y, false);
         }
@@ -421,6 +418,14 @@ impl Problem {
         let (mine, values): (Vec<usize>, Vec<f64>) =
             given.columns.iter().zip(beta).filter(|(c, _)| (at..at + k).contains(*c)).unzip();
         self.contribution(&mine, &values)
+    }
+
+    /// Cosine of what two effects of a joint fit contribute: negative where each takes back what the other says.
+    #[must_use]
+    pub fn cosine(&self, given: &Given, pair: [usize; 2]) -> f64 {
+        let beta = self.fit(given);
+        let [a, b] = pair.map(|v| self.part(given, &beta, v));
+        a.dot(&b) / (a.norm() * b.norm()).max(f64::MIN_POSITIVE)
     }
 
     /// What the columns contribute to every row.

@@ -80,9 +80,10 @@ fn instead_of_both(
     selection: &Selection,
 ) -> Option<(usize, Shape, Vec<usize>)> {
     let n = selection.chosen.len();
+    let all = Selection::given(problem, &selection.chosen);
     for (a, b) in (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))) {
         let pair = [selection.chosen[a], selection.chosen[b]];
-        if selection.cosine(problem, pair) > -HALF {
+        if problem.cosine(&all, pair) > -HALF {
             continue;
         }
         let others = selection.without(&[a, b]);

@@ -135,7 +135,8 @@ impl Selection {
     }
 
     /// What a variant brings beside what is given.
-    pub(super) fn found(&self, problem: &Problem, library: &Library, given: &Given, variant: usize) -> Found {
+    #[must_use]
+    pub fn found(&self, problem: &Problem, library: &Library, given: &Given, variant: usize) -> Found {
         self.brings(library, variant, problem.gain(given, variant))
     }
 
@@ -296,7 +297,7 @@ impl Selection {
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
                     && (best.evidence > now
-                        || best.evidence > NEARLY * now && self.cosine(problem, [first, second]) < -NEARLY)
+                        || best.evidence > NEARLY * now && self.cancel(problem, [first, second]))
                 {
                     let variant = best.variant;
                     self.chosen = others;
@@ -307,12 +308,10 @@ impl Selection {
         }
     }
 
-    /// Cosine of what two chosen effects say: negative where each takes back what the other says.
-    pub(super) fn cosine(&self, problem: &mut Problem, pair: [usize; 2]) -> f64 {
-        let given = Self::given(problem, &self.chosen);
-        let beta = problem.fit(&given);
-        let [a, b] = pair.map(|v| problem.part(&given, &beta, v));
-        a.dot(&b) / (a.norm() * b.norm()).max(f64::MIN_POSITIVE)
+    /// True where each of two chosen effects takes back what the other says.
+    fn cancel(&self, problem: &mut Problem, pair: [usize; 2]) -> bool {
+        let all = Self::given(problem, &self.chosen);
+        problem.cosine(&all, pair) < -NEARLY
     }
 
     /// Leaves one name to what is one thing with two: a table of positions and a worn place of the same axis, lost motion and

@@ -196,20 +196,13 @@ fn a_beam_that_turns_its_end_and_does_not_drop_is_no_beam() {
 /// A laser along X, four times there, with this deviation in um.
 fn laser(deviation_um: impl Fn(f64) -> f64) -> Session {
     let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
-    let mut raw = Raw {
-        file: "laser".to_owned(),
-        names: names.map(str::to_owned).into(),
-        columns: vec![Vec::new(); names.len()],
-        ..Raw::default()
-    };
+    let mut raw = Raw::made_up("laser", &names);
     for k in 0..400_u32 {
         let (run, x_mm) = (f64::from(k / 100), 10.0 * f64::from(k % 100));
         let noise_um = 0.3 * (1.3 * f64::from(k * k)).sin();
         let t_s = 10.0 * f64::from(k) + f64::from(k % 7);
         let row = [t_s, 1.0, run, run, x_mm, 1.0, 0.0, 0.0, deviation_um(x_mm) + noise_um];
-        raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
-        raw.instruments.push("laser".to_owned());
-        raw.lines.push(u64::from(k) + 2);
+        raw.push("laser", u64::from(k) + 2, &row);
     }
     Session::build(&[raw], History::default(), Machine::plain()).expect("a session")
 }
@@ -236,7 +229,8 @@ fn two_that_take_back_each_other_are_one_where_it_explains_as_much() {
     let mut problem = Problem::new(&session, &library, &filter, &session.gap(), &[0.21]);
     let mut selection =
         Selection { chosen: vec![0, 1], threshold: 10.0, grid: vec![1; 2], ..Selection::default() };
-    assert!(selection.cosine(&mut problem, [0, 1]) < -0.5);
+    let both = Selection::given(&mut problem, &selection.chosen);
+    assert!(problem.cosine(&both, [0, 1]) < -0.5);
     one_of_two(&mut problem, &session, &filter, &mut library, &mut selection);
     let [own] = selection.chosen[..] else { panic!("{:?}", selection.chosen) };
     let Shape::Wear(found) = &library.variants[own].shape else { panic!("a worn place") };

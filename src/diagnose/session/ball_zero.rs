@@ -56,3 +56,14 @@ impl BallZero {
         of(reading) - self.at(reading).map_or_else(Vec3::zeros, |(zero, turn)| turn * of(zero))
     }
 }
+
+impl Session {
+    /// Counts all that the ball of an R-test shows from where it was centred; true where that is new and a ball turns.
+    pub fn count_from_ball_zero(&mut self) -> bool {
+        if self.ball_zero.is_some() {
+            return false;
+        }
+        self.ball_zero = BallZero::of(self);
+        self.ball_zero.is_some()
+    }
+}

@@ -136,11 +136,8 @@ fn temperatures(raw: &Raw) -> Vec<Series> {
 
 /// A source of which one side says other things than the other at the same times.
 fn contradicted(a: &[Series], b: &[Series]) -> Option<Source> {
-    let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
-    pairs
-        .into_iter()
-        .find(|(a, b)| a.is_contradicted_by(b) || b.is_contradicted_by(a))
-        .map(|(a, _)| a.source.clone())
+    let mut pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+    pairs.find(|(a, b)| a.is_contradicted_by(b) || b.is_contradicted_by(a)).map(|(a, _)| a.source.clone())
 }
 
 impl Series {

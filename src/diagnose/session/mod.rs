@@ -63,6 +63,26 @@ impl Raw {
     }
 }
 
+#[cfg(test)]
+impl Raw {
+    /// A file made up for a test, without rows.
+    pub(crate) fn made_up(file: &str, names: &[&str]) -> Self {
+        Self {
+            file: file.to_owned(),
+            names: names.iter().map(|n| (*n).to_owned()).collect(),
+            columns: vec![Vec::new(); names.len()],
+            ..Self::default()
+        }
+    }
+
+    /// A further row, of a line of the file.
+    pub(crate) fn push(&mut self, instrument: &str, line: u64, row: &[f64]) {
+        self.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(*v));
+        self.instruments.push(instrument.to_owned());
+        self.lines.push(line);
+    }
+}
+
 /// What is wrong with a session; the caller adds nothing.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SessionError {

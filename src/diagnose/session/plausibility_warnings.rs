@@ -175,13 +175,14 @@ impl Session {
             let [low, high] = a.travel?.map(|v| scale * v);
             let [from, to] = self.range(a.axis)?.map(|v| scale * v);
             let allowed = OUTSIDE * (high - low);
-            (from < low - allowed || to > high + allowed).then(|| {
-            Note::new(format!(
-                "{} runs from {from:.1} to {to:.1} {unit}, the travel of the model is {low:.1} to {high:.1} {unit}: is it the model of \
-                 this machine?",
-                a.axis.to_string().to_uppercase(),
-            ))
-        })
+            let name = a.axis.to_string().to_uppercase();
+            let text = || {
+                format!(
+                    "{name} runs from {from:.1} to {to:.1} {unit}, the travel of the model is {low:.1} to {high:.1} {unit}: \
+                     is it the model of this machine?"
+                )
+            };
+            (from < low - allowed || to > high + allowed).then(|| Note::new(text()))
         };
         machine.axes.iter().filter_map(leaves).collect()
     }

@@ -6,8 +6,7 @@ use super::*;
 /// A line along x, up and down, twice: rows of `docs/reference/session-files.md` 1.
 fn line() -> Raw {
     let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
-    let mut raw = Raw { file: "s.csv".into(), names: names.map(String::from).into(), ..Raw::default() };
-    raw.columns = vec![Vec::new(); names.len()];
+    let mut raw = Raw::made_up("s.csv", &names);
     let mut t = 0.0;
     for repeat in 1..=2 {
         for way in 0..2 {
@@ -15,11 +14,7 @@ fn line() -> Raw {
                 let x = 10.0 * f64::from(if way == 0 { k } else { 9 - k });
                 let d = 2.0 + (x * 0.37).sin() + 0.1 * f64::from(repeat);
                 let row = [t, 1.0, f64::from(2 * repeat + way), f64::from(repeat), x, 1.0, 0.0, 0.0, d];
-                for (c, v) in raw.columns.iter_mut().zip(row) {
-                    c.push(v);
-                }
-                raw.instruments.push("laser".into());
-                raw.lines.push(raw.lines.len() as u64 + 2);
+                raw.push("laser", raw.lines.len() as u64 + 2, &row);
                 t += 5.0;
             }
         }

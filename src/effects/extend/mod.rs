@@ -147,19 +147,14 @@ impl Candidate {
     fn added_to(&self, spec: &ModelSpec) -> ModelSpec {
         let mut spec = spec.clone();
         for part in &self.parts {
-            if !spec.errors.iter().any(|(s, _)| *s == part.symbol) {
-                spec.errors.push((part.symbol, ErrorFunction::default()));
-                spec.errors.sort_by_key(|(symbol, _)| *symbol);
+            let function = spec.error_mut(part.symbol);
+            match &part.curve {
+                Some(Curve::Constant(value)) => add_constant(function, *value),
+                Some(curve) => function.curves.push(curve.clone()),
+                None => {}
             }
-            for (_, function) in spec.errors.iter_mut().filter(|(s, _)| *s == part.symbol) {
-                match &part.curve {
-                    Some(Curve::Constant(value)) => add_constant(function, *value),
-                    Some(curve) => function.curves.push(curve.clone()),
-                    None => {}
-                }
-                function.live.extend(part.live.clone());
-                function.dynamics.extend(part.dynamic);
-            }
+            function.live.extend(part.live.clone());
+            function.dynamics.extend(part.dynamic);
         }
         if let Some(errors) = self.tool {
             spec.tool.length += errors.length;

@@ -69,9 +69,8 @@ impl Assembly<'_> {
                     continue;
                 };
                 let angle = |wanted: ErrorSymbol| {
-                    let found = motions.errors.iter().find(|(s, _)| *s == wanted).map(|(_, f)| f.clone());
                     // an angle that nothing was measured is zero in the result, too
-                    Some(found.unwrap_or_default())
+                    Some(motions.error(wanted).cloned().unwrap_or_default())
                 };
                 let primed = motions.is_workpiece_side(axis.name);
                 if let Ok(moved) = curves::transferred(function, motion, &from, to, primed, angle) {

@@ -339,7 +339,7 @@ fn prepare(index: usize, source: &Source, dropped: &mut Vec<Dropped>) -> Result<
     let gauged = normalise(&spec).map_err(error)?;
     let mut normal = gauged.spec;
     if !source.absolute {
-        let stated = |symbol: &ErrorSymbol| spec.errors.iter().any(|(s, _)| s == symbol);
+        let stated = |symbol: &ErrorSymbol| spec.error(*symbol).is_some();
         let unstated = |s: &ErrorSymbol| s.is_constant() && !stated(s);
         normal.errors.retain(|(s, _)| !unstated(s));
         for moved in gauged.moved {
@@ -493,11 +493,7 @@ impl Assembly<'_> {
             &from,
             to,
             own.is_workpiece_side(symbol.axis()),
-            |angle| {
-                let of =
-                    |spec: &ModelSpec| spec.errors.iter().find(|(s, _)| *s == angle).map(|(_, f)| f.clone());
-                of(own).or_else(|| of(result))
-            },
+            |angle| own.error(angle).or_else(|| result.error(angle)).cloned(),
         )
         .map_err(|(angle, lever_mm)| AssembleError::NoAngle {
             symbol,

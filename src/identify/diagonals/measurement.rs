@@ -130,9 +130,7 @@ impl Measurement {
         found.covariance += setup.covariance_of_model(model)?;
         let raw = setup.squareness(&ends.displacement, &std)?;
         let mut measurement = Self { found, raw, subtracted, noise, steps: None };
-        let knows = |(component, axis)| {
-            model.errors.iter().any(|(s, _)| *s == ErrorSymbol::Motion { component, axis })
-        };
+        let knows = |(component, axis)| model.error(ErrorSymbol::Motion { component, axis }).is_some();
         if Component::ALL.into_iter().zip(AXES).all(knows) {
             measurement.steps = measurement.steps(setup, model, ends, directions)?;
         }

@@ -271,7 +271,7 @@ impl Setup {
     pub fn missing_angles(&self, spec: &ModelSpec) -> Result<Vec<MissingAngle>, DiagonalsError> {
         let mut missing = Vec::new();
         for symbol in angles() {
-            if spec.errors.iter().any(|(s, _)| *s == symbol) {
+            if spec.error(symbol).is_some() {
                 continue;
             }
             let bias = self.bias_of(spec, symbol, [0.0, PROBE])?.map(|b| b / PROBE);

@@ -163,7 +163,7 @@ fn model_file(args: &Args, loaded: &[Loaded], done: &Assembled) -> ModelFile {
                 ..Provenance::default()
             },
         };
-        if file.spec.errors.iter().any(|(s, _)| *s == origin.symbol) {
+        if file.spec.error(origin.symbol).is_some() {
             file.of_errors.push((origin.symbol, provenance));
         }
     }
