@@ -305,18 +305,25 @@ fn likelier_from_ball_zero(
     selection.restart(&mut problem, &library, &chosen);
     spatial_variation::find_causes(&mut problem, session, filter, &mut library, &mut selection);
     let then = score(&mut problem, &library, &selection);
-    // what takes as many causes to say a little more, or further ones, may only be the misform of one
-    let counts = match then.1.cmp(&now.1) {
-        Ordering::Less => then.0 < now.0 - search::SWAP_GAIN,
-        Ordering::Equal => then.0 < now.0 - SIGNIFICANT * SIGNIFICANT,
-        Ordering::Greater => then.0 < (HALF * now.0).min(now.0 - SIGNIFICANT * SIGNIFICANT),
-    };
+    let counts = outweighs(then, now);
     if counts {
         *raw = raw_from_zero;
     } else {
         session.ball_zero = None;
     }
     counts
+}
+
+/// True where one account of a gap is better than another: of each what it leaves beyond the noise, with the price of its causes, in
+/// squares of the noise, and the number of causes. What takes as many causes to say a little more, or further ones, may only be the
+/// misform of one.
+fn outweighs((left, causes): (f64, usize), (left_now, causes_now): (f64, usize)) -> bool {
+    let surely = left_now - SIGNIFICANT * SIGNIFICANT;
+    match causes.cmp(&causes_now) {
+        Ordering::Less => left < left_now - search::SWAP_GAIN,
+        Ordering::Equal => left < surely,
+        Ordering::Greater => left < surely.min(HALF * left_now),
+    }
 }
 
 /// An analysis by comparison of all sets of effects, or, where that is likelier, one that counts all that the ball of an R-test shows
@@ -498,4 +505,26 @@ fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64
 /// True for effects that a prediction can take over.
 fn is_predictable(kind: Kind) -> bool {
     kind != Kind::Stochastic
+}
+
+#[cfg(test)]
+mod tests {
+    use super::outweighs;
+
+    #[test]
+    fn further_causes_must_leave_less_than_half_and_fewer_a_little_less() {
+        let now = (1000.0, 3);
+        for (then, is_better) in [
+            ((990.0, 2), true),
+            ((999.5, 2), false),
+            ((970.0, 3), true),
+            ((980.0, 3), false),
+            ((510.0, 4), false),
+            ((490.0, 4), true),
+        ] {
+            assert_eq!(outweighs(then, now), is_better, "{then:?}");
+        }
+        // nothing is left: further causes are not asked for
+        assert!(!outweighs((-10.0, 4), (5.0, 3)) && !outweighs((0.0, 4), (-40.0, 3)));
+    }
 }
