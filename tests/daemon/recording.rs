@@ -155,7 +155,9 @@ fn order_while_working(session: &mut Session, daemon: &Daemon, arguments: &[&str
 #[test]
 fn models_loaded_and_rolled_back_stand_in_the_recording_and_replay() {
     let port = Port::open();
-    let mut daemon = Daemon::start(&port.address(), kept(KEPT));
+    // the hello waits for the load, however long a busy disk keeps that
+    let setup = Setup { connect_timeout_s: 60.0, ..kept(KEPT) };
+    let mut daemon = Daemon::start(&port.address(), setup);
     // before there is an engine
     let _ = daemon.status();
     let first = constant_model(&daemon, "first.toml", 20.0);
