@@ -254,6 +254,11 @@ fn bad_data_are_refused_with_their_place() {
             "diagonal,cycle,direction,target_mm,deviation_um\nppp,1,1,0,0\n",
             "diagonal ppp: 1 of at least 2 targets",
         ),
+        (
+            "iso230-6",
+            "diagonal,cycle,direction,target_mm,deviation_um\nppp,1,1,0,0\nNNN,1,1,0,0\n",
+            "'nnn' is the diagonal 'ppp' of the rows before from its other end",
+        ),
     ] {
         std::fs::write(&file, text).unwrap();
         let output = evaluate(test, &file, &["--json"]);

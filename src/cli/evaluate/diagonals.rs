@@ -17,7 +17,7 @@ use volcomp_evaluate::{
 
 /// Four body diagonals by ISO 230-6, each like a positioning test
 ///
-/// The diagonals are named by the signs with which X, Y and Z move: ppp npp pnp ppn.
+/// The diagonals are named by the signs with which X, Y and Z move: ppp npp pnp ppn, or nnn etc. from the other end.
 #[derive(Debug, clap::Parser)]
 pub(crate) struct Args {
     /// CSV with diagonal (ppp npp pnp ppn),cycle,direction,target_mm,deviation_um; - is stdin.
@@ -45,12 +45,21 @@ fn read(path: &Path) -> Result<Evaluated> {
     if columns.kind == AxisKind::Rotary {
         return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
+    let mut ends: BTreeMap<Diagonal, String> = BTreeMap::new();
     let readings = table.some_rows(|table| {
-        let word = table.word(name);
+        let word = table.word(name).to_ascii_lowercase();
         let Some(diagonal) = Diagonal::parse(&word) else {
             let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
+        let first = ends.entry(diagonal).or_insert_with(|| word.clone());
+        if *first != word {
+            let what = format_args!(
+                "'{word}' is the diagonal '{first}' of the rows before from its other end; count targets, signs and \
+                 directions from one end"
+            );
+            return Err(table.fail(name, what));
+        }
         let r = columns.reading(table)?;
         let (target, deviation) = (r.position, um_from_mm(r.value));
         Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
