@@ -1,5 +1,6 @@
 //! `volcomp diagnose`: simulated and real sessions.
 
+mod channels;
 mod circles;
 mod cli;
 mod effects;

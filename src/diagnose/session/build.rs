@@ -7,8 +7,8 @@ use super::motion;
 use super::pairs::{self, Place};
 use super::reflector_location;
 use super::{
-    Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, check, copies,
-    is_ballbar, is_encoder, times,
+    Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, channels, check,
+    copies, has_rotation, is_ballbar, is_encoder, times,
 };
 use volcomp_model::geometry::Vec3;
 use volcomp_units::{RAD_PER_DEG, mm_from_um};
@@ -108,6 +108,15 @@ impl Session {
             sources(raw, file, &mut history);
             let mut part = Part::new(raw, file, &mut session);
             part.state()?;
+            let directions_belong_together = |i: usize| {
+                raw.instruments.get(i).is_some_and(|n| is_encoder(n) || is_ballbar(n) || has_rotation(n))
+            };
+            channels::divide(
+                &mut part.setup,
+                &mut part.moments,
+                &mut session.setups,
+                directions_belong_together,
+            );
             for (axis, points) in Axis::LINEAR.into_iter().zip(&mut part.velocities) {
                 history.add(file, Source::Velocity(axis), points.drain(..));
             }

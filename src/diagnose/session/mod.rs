@@ -5,6 +5,7 @@
 
 mod ball_zero;
 mod build;
+mod channels;
 mod check;
 mod copies;
 mod history;
