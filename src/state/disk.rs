@@ -187,7 +187,7 @@ pub fn set_aside(disk: &dyn Disk, path: &Path, why: &str) -> io::Result<PathBuf>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::memory::{MemoryDisk, Operation};
+    use crate::memory_disk::{MemoryDisk, Operation};
 
     #[test]
     fn a_real_file_grows_at_its_end_and_is_cut_off() {

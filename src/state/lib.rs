@@ -4,7 +4,7 @@
 //!   [`counters::recall`], which tells a first start from a known and an unknown state.
 //! - [`models`]: `models.json` and the model files in `models/`.
 //! - [`audit`]: `audit.jsonl`, chained by hashes.
-//! - [`disk`]: the file operations behind all of them; [`memory`] is a disk with faults for tests.
+//! - [`disk`]: the file operations behind all of them; `tests/support/memory_disk.rs` is a disk with faults.
 //! - [`bounded_read`]: files of a bounded size. [`utc`]: time as text.
 //!
 //! Nothing here depends on the rest of volcomp. Reading order: `disk`, `counters`, `models`, `audit`.
@@ -17,6 +17,11 @@ pub mod audit;
 pub mod bounded_read;
 pub mod counters;
 pub mod disk;
-pub mod memory;
 pub mod models;
 pub mod utc;
+
+#[cfg(test)]
+extern crate self as volcomp_state;
+#[cfg(test)]
+#[path = "tests/support/memory_disk.rs"]
+mod memory_disk;

@@ -199,7 +199,7 @@ mod tests {
 
     use super::*;
     use crate::disk::real;
-    use crate::memory::{MemoryDisk, Operation};
+    use crate::memory_disk::{MemoryDisk, Operation};
 
     fn choice(text: &str, why: &str) -> Choice {
         Choice {

@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Mutex as Notes;
 use std::sync::atomic::Ordering::Relaxed;
 
+use super::memory_disk::MemoryDisk;
 use volcomp_state::counters::{Counters, FILE, RetainedState};
-use volcomp_state::memory::MemoryDisk;
 
 use crate::channels::Progress;
 use crate::models::Models;

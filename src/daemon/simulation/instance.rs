@@ -6,11 +6,11 @@ use std::sync::Mutex as Notes;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
+use super::memory_disk::Health;
 use shuttle::future::block_on;
 use shuttle::rand::{Rng, rngs::ThreadRng};
 use shuttle::thread::spawn;
 use volcomp_state::counters::Recalled;
-use volcomp_state::memory::Health;
 
 use super::control::cycle;
 use super::history::{History, must_not_begin};

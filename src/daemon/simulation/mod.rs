@@ -11,6 +11,8 @@ mod control;
 mod faulty;
 mod history;
 mod instance;
+#[path = "../../state/tests/support/memory_disk.rs"]
+mod memory_disk;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,11 +20,11 @@ use std::sync::{Arc, OnceLock};
 
 use shuttle::rand::Rng;
 use shuttle::scheduler::{PctScheduler, RandomScheduler};
-use volcomp_state::memory::MemoryDisk;
 
 use super::load::{Loaded, load};
 use super::sync::simulated::simulate;
 use history::History;
+use memory_disk::MemoryDisk;
 
 /// The machine.
 const MACHINE: &str = "m";

@@ -16,7 +16,7 @@ use std::time::SystemTime;
 use serde::{Deserialize, Serialize};
 
 use super::{AuditEntry, Who};
-use crate::disk::{Append, Disk, RealDisk, replace, set_aside};
+use crate::disk::{Append, Disk, replace, set_aside};
 use crate::utc;
 
 /// What the first line carries where there is no line before.
@@ -126,14 +126,6 @@ pub enum Fault {
 /// The first line that cannot be relied upon.
 pub fn verify(text: &[u8]) -> Result<Summary, Broken> {
     check(text, |_, _| Ok(()))
-}
-
-/// Checks an audit log together with the head file beside it.
-///
-/// # Errors
-/// It cannot be read; inside, the first line that cannot be relied upon.
-pub fn verify_file(path: &Path) -> io::Result<Result<Summary, Broken>> {
-    verify_on(&RealDisk, path)
 }
 
 fn verify_on(disk: &dyn Disk, path: &Path) -> io::Result<Result<Summary, Broken>> {
@@ -320,8 +312,9 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
     use super::*;
+    use crate::disk::RealDisk;
     use crate::disk::real;
-    use crate::memory::{Health, MemoryDisk, Operation};
+    use crate::memory_disk::{Health, MemoryDisk, Operation};
 
     fn entry(what: &str) -> AuditEntry {
         AuditEntry {
@@ -356,7 +349,7 @@ mod tests {
         assert_eq!(broken, None);
         assert_eq!(again.model(), Some("abc"));
         let (seq, hash) = again.write(&entry("disable")).expect("written");
-        let summary = verify_file(&path).expect("readable").expect("intact");
+        let summary = verify_on(&RealDisk, &path).expect("readable").expect("intact");
         assert_eq!((seq, summary.lines, summary.head), (4, 4, true));
         assert_eq!(summary.hash, hash);
         let text = text(&path);
@@ -424,7 +417,7 @@ mod tests {
             let (mut file, broken) = AuditFile::open(real(), &path).expect("opens");
             let broken = broken.expect("reported");
             file.write(&entry("enable")).expect("written");
-            let summary = verify_file(&path).expect("readable").expect("the new one is intact");
+            let summary = verify_on(&RealDisk, &path).expect("readable").expect("the new one is intact");
             assert_eq!(summary.lines, 2);
             let first: Line =
                 serde_json::from_slice(text(&path).split(|b| *b == b'\n').next().expect("line"))

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bounded_read::read_regular;
 
-pub use chain::{Broken, Line, Summary, head_path, verify, verify_file, verify_with};
+pub use chain::{Broken, Line, Summary, head_path, verify, verify_with};
 
 /// Name of the audit log in the state directory.
 pub const AUDIT_FILE: &str = "audit.jsonl";

@@ -3,6 +3,9 @@
 //! The writes are those that the crate really does, recorded by a disk in memory. A crash leaves the changes before it,
 //! and of the last one any number of bytes; a rename may survive without the data of its file (zero length, or zeros).
 
+#[path = "support/memory_disk.rs"]
+mod memory_disk;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,8 +14,9 @@ use volcomp_state::audit::chain::{AuditFile, verify};
 use volcomp_state::audit::{AUDIT_FILE, AuditEntry, Who};
 use volcomp_state::counters::{self, Counters, Recalled, RetainedState, recall};
 use volcomp_state::disk::Disk;
-use volcomp_state::memory::{Change, MemoryDisk};
 use volcomp_state::models::{Choice, Store};
+
+use memory_disk::{Change, MemoryDisk};
 
 type Files = BTreeMap<PathBuf, Vec<u8>>;
 

@@ -1,15 +1,18 @@
-//! A disk in memory whose operations fail as a test asks for it: full, torn, hanging, without power.
+//! A disk in memory whose operations fail as a test asks for it: full, torn, hanging, without power. Tests of the state
+//! directory and of the daemon include this file; it is no part of a program.
+
+#![allow(dead_code, reason = "each test uses its share")]
 
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::disk::{Append, Disk};
+use volcomp_state::disk::{Append, Disk};
 
 /// One operation that changes the disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Change {
+pub(crate) enum Change {
     /// A file was written as a whole.
     Write(PathBuf, Vec<u8>),
     /// A file was renamed.
@@ -22,7 +25,7 @@ pub enum Change {
 
 /// What happens to the next operation that writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Health {
+pub(crate) enum Health {
     /// It succeeds.
     #[default]
     Well,
@@ -36,7 +39,7 @@ pub enum Health {
 
 /// An operation that a disk may refuse for a path; see [`MemoryDisk::refuse`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Operation {
+pub(crate) enum Operation {
     /// Reading a file.
     Read,
     /// Renaming a file that has this name.
@@ -59,7 +62,7 @@ type Gate = Arc<dyn Fn() -> Health + Send + Sync>;
 
 /// A disk in memory. Clones share their files.
 #[derive(Clone, Default)]
-pub struct MemoryDisk {
+pub(crate) struct MemoryDisk {
     inner: Arc<Mutex<Inner>>,
     gate: Option<Gate>,
 }
@@ -73,26 +76,26 @@ impl core::fmt::Debug for MemoryDisk {
 impl MemoryDisk {
     /// An empty disk.
     #[must_use]
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self::default()
     }
 
     /// The same files behind a gate that is passed before every operation that writes.
     #[must_use]
-    pub fn behind(&self, gate: impl Fn() -> Health + Send + Sync + 'static) -> Self {
+    pub(crate) fn behind(&self, gate: impl Fn() -> Health + Send + Sync + 'static) -> Self {
         Self { inner: Arc::clone(&self.inner), gate: Some(Arc::new(gate)) }
     }
 
     /// A disk with these files.
     #[must_use]
-    pub fn with(files: BTreeMap<PathBuf, Vec<u8>>) -> Self {
+    pub(crate) fn with(files: BTreeMap<PathBuf, Vec<u8>>) -> Self {
         let disk = Self::default();
         disk.lock().files = files;
         disk
     }
 
     /// From now on `operation` on `path` fails with an error of this kind and without effect.
-    pub fn refuse(&self, operation: Operation, path: &Path, kind: ErrorKind) {
+    pub(crate) fn refuse(&self, operation: Operation, path: &Path, kind: ErrorKind) {
         self.lock().refused.insert((operation, path.to_owned()), kind);
     }
 
@@ -105,18 +108,18 @@ impl MemoryDisk {
 
     /// Every file.
     #[must_use]
-    pub fn files(&self) -> BTreeMap<PathBuf, Vec<u8>> {
+    pub(crate) fn files(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         self.lock().files.clone()
     }
 
     /// Every change so far, in order.
     #[must_use]
-    pub fn changes(&self) -> Vec<Change> {
+    pub(crate) fn changes(&self) -> Vec<Change> {
         self.lock().changes.clone()
     }
 
     /// Applies a change.
-    pub fn apply(&self, change: Change) {
+    pub(crate) fn apply(&self, change: Change) {
         let mut inner = self.lock();
         match change.clone() {
             Change::Write(path, bytes) => {
