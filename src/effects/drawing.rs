@@ -73,6 +73,26 @@ impl From<Over> for Drawing {
 }
 
 impl Drawing {
+    /// Columns of a session (`docs/reference/session-files.md` 1) that it takes; the time where the readings state the rest.
+    pub(crate) fn columns(&self) -> Vec<String> {
+        let abscissa = match self.over {
+            Over::Position(axis) | Over::Period(axis, _) => axis.column(),
+            Over::Velocity(axis) => axis.velocity_column(),
+            Over::Acceleration(axis) => axis.acceleration_column(),
+            Over::Force(axis) => format!("force_{axis}_n"),
+            Over::ToolLength => "tool_length_mm".to_owned(),
+            _ => "t_s".to_owned(),
+        };
+        let mut columns = vec![abscissa];
+        if let Branch::Direction(axis) = self.branch {
+            columns.push(format!("dir_{axis}"));
+        }
+        if let Weight::Lever(_, lever) = &self.weight {
+            columns.extend(lever.columns());
+        }
+        columns
+    }
+
     pub(crate) fn by(self, branch: Branch) -> Self {
         Self { branch, ..self }
     }

@@ -14,7 +14,9 @@ pub(crate) use crate::extend::{
 pub(crate) use crate::frame::RotaryFrame;
 pub(crate) use crate::lever::Lever;
 pub(crate) use crate::machine_state::{Axis, MachineState, Source};
-pub(crate) use crate::shape::{Form, REFERENCE_DEGC, Read, STILL, Shape, Span, UM_PER_ARCSEC_MM, WIDTH_MAX};
+pub(crate) use crate::shape::{
+    Form, REFERENCE_DEGC, Read, STILL, Shape, Span, Traits, UM_PER_ARCSEC_MM, WIDTH_MAX,
+};
 pub(crate) use crate::signal::Signal;
 pub(crate) use volcomp_model::Law;
 pub(crate) use volcomp_model::geometry::{Mat3, Vec3, unit};

@@ -29,6 +29,35 @@ pub(crate) type Read<'a> = dyn Fn(&Signal) -> f64 + 'a;
 /// Smallest and largest position of an axis in the data, mm or rad.
 pub type Span<'a> = dyn Fn(Axis) -> [f64; 2] + 'a;
 
+/// How a deviation lies in the machine.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Traits {
+    /// The direction of the deviation, where it is a single one.
+    pub(crate) acts_along: Option<Axis>,
+    /// The axis of whose position it is a function, where there is one.
+    pub(crate) over: Option<Axis>,
+    /// The rotary axis about whose direction it turns, where it does.
+    pub(crate) turns: Option<Axis>,
+    /// False for what happens behind the control's own encoders, which do not see it.
+    pub(crate) is_of_drive: bool,
+    /// True for curves that bend to anything smooth.
+    pub(crate) is_free_curve: bool,
+    /// True where the columns keep their proportions: the parameters of a random process are all equally large.
+    pub(crate) is_process: bool,
+}
+
+impl Traits {
+    /// A deviation along one axis that is a function of the position of one.
+    pub(crate) fn motion(along: Axis, over: Axis) -> Self {
+        Self { acts_along: Some(along), over: Some(over), ..Self::default() }
+    }
+
+    /// A turn of a rotary axis that is a function of its own position, and that its encoder sees.
+    pub(crate) fn rotation(axis: Axis) -> Self {
+        Self { over: Some(axis), turns: Some(axis), is_of_drive: true, ..Self::default() }
+    }
+}
+
 /// What the formula of a shape says.
 pub(crate) trait Form {
     /// The name of each parameter; it ends in its unit.
@@ -42,14 +71,14 @@ pub(crate) trait Form {
     /// The deviation per unit of each parameter, um.
     fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]);
 
-    /// Columns (`docs/reference/session-files.md` 1) that it needs: the position of its axis, or the time.
+    /// Columns (`docs/reference/session-files.md` 1) that it needs: those over which it is drawn.
     fn columns(&self) -> Vec<String> {
-        vec![self.over().map_or_else(|| "t_s".to_owned(), Axis::column)]
+        self.drawing().columns()
     }
 
     /// How it is drawn: over the position of its axis, or over time.
     fn drawing(&self) -> Drawing {
-        self.over().map_or(Over::Time, Over::Position).into()
+        self.traits().over.map_or(Over::Time, Over::Position).into()
     }
 
     /// What it becomes in a model, or why it stays out, as all that belongs to the instrument does.
@@ -87,34 +116,9 @@ pub(crate) trait Form {
         true
     }
 
-    /// The direction of the deviation, where it is a single one.
-    fn acts_along(&self) -> Option<Axis> {
-        None
-    }
-
-    /// The axis of whose position it is a function, where there is one.
-    fn over(&self) -> Option<Axis> {
-        None
-    }
-
-    /// The rotary axis about whose direction it turns, where it does.
-    fn turns(&self) -> Option<Axis> {
-        None
-    }
-
-    /// True for what happens behind the control's own encoders, which do not see it.
-    fn is_structural(&self) -> bool {
-        true
-    }
-
-    /// True for curves that bend to anything smooth.
-    fn is_free_curve(&self) -> bool {
-        false
-    }
-
-    /// True where the columns keep their proportions: the parameters of a random process are all equally large.
-    fn is_process(&self) -> bool {
-        false
+    /// How its deviation lies in the machine.
+    fn traits(&self) -> Traits {
+        Traits::default()
     }
 
     /// The lagged signals that it reads.
@@ -161,7 +165,7 @@ impl Shape {
 
     /// The deviation per unit of each parameter, um; `at` gives the place of a signal in [`MachineState::signals`].
     pub fn evaluate_with(&self, m: &MachineState, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
-        if m.is_encoder && self.form().is_structural() {
+        if m.is_encoder && !self.form().traits().is_of_drive {
             return out.fill(Vec3::zeros());
         }
         let read = |s: &Signal| at(s).and_then(|i| m.signals.get(i)).copied().unwrap_or(f64::NAN);
@@ -201,33 +205,33 @@ impl Shape {
     /// The direction of the deviation, where it is a single one.
     #[must_use]
     pub fn acts_along(&self) -> Option<Axis> {
-        self.form().acts_along()
+        self.form().traits().acts_along
     }
 
     /// The axis of whose position it is a function, where there is one.
     #[must_use]
     pub fn over(&self) -> Option<Axis> {
-        self.form().over()
+        self.form().traits().over
     }
 
     /// Direction and axis of an error motion that is a function of that axis's position alone; of an angle the rotary axis about its
     /// direction.
     #[must_use]
     pub fn error_motion(&self) -> Option<(Axis, Axis)> {
-        let form = self.form();
-        form.acts_along().or_else(|| form.turns()).zip(form.over())
+        let Traits { acts_along, turns, over, .. } = self.form().traits();
+        acts_along.or(turns).zip(over)
     }
 
     /// True for curves that bend to anything smooth.
     #[must_use]
     pub fn is_free_curve(&self) -> bool {
-        self.form().is_free_curve()
+        self.form().traits().is_free_curve
     }
 
     /// True where the columns keep their proportions: the parameters of a random process are all equally large.
     #[must_use]
     pub fn is_process(&self) -> bool {
-        self.form().is_process()
+        self.form().traits().is_process
     }
 
     /// The lagged signals that it reads.

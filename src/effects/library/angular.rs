@@ -76,10 +76,6 @@ impl Form for Angular {
         self.lever.turn_by(self.about, m, self.curve(m.position[self.over.slot()]), out);
     }
 
-    fn columns(&self) -> Vec<String> {
-        [self.over.column()].into_iter().chain(self.lever.columns()).collect()
-    }
-
     fn drawing(&self) -> Drawing {
         Drawing::from(Over::Position(self.over)).scaled(Weight::Lever(self.about, self.lever))
     }
@@ -97,15 +93,12 @@ impl Form for Angular {
         self.half_mm > 0.0 && self.centre_mm.is_none_or(f64::is_finite)
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.over)
-    }
-
-    fn turns(&self) -> Option<Axis> {
-        Some(Axis::ROTARY[self.about.direction()])
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits {
+            over: Some(self.over),
+            turns: Some(Axis::ROTARY[self.about.direction()]),
+            is_free_curve: true,
+            ..Traits::default()
+        }
     }
 }

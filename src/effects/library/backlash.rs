@@ -142,16 +142,16 @@ impl Form for Backlash {
         self.length_mm <= LONGEST_MM
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        (self.along.len() == 1).then(|| self.along[0])
+    fn traits(&self) -> Traits {
+        Traits {
+            acts_along: (self.along.len() == 1).then(|| self.along[0]),
+            is_of_drive: self.along == [self.axis],
+            ..Traits::default()
+        }
     }
 
     fn builds_up(&self) -> (f64, f64) {
         (if self.length_mm > 0.0 { self.length_mm } else { f64::INFINITY }, f64::INFINITY)
-    }
-
-    fn is_structural(&self) -> bool {
-        self.along != [self.axis]
     }
 }
 
@@ -171,10 +171,6 @@ impl Form for RotaryBacklash {
         out[0] = self.frame.um_per_rad(m) * RAD_PER_ARCSEC * half_turn;
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![self.frame.axis.column(), format!("dir_{}", self.frame.axis)]
-    }
-
     fn drawing(&self) -> Drawing {
         Drawing::from(Over::Position(self.frame.axis)).by(Branch::Direction(self.frame.axis))
     }
@@ -189,7 +185,7 @@ impl Form for RotaryBacklash {
         )
     }
 
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits { is_of_drive: true, ..Traits::default() }
     }
 }

@@ -109,16 +109,13 @@ impl Form for Sag {
         self.length_mm <= LONGEST * (high - low)
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        (!self.tool).then_some(Axis::Z)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits {
+            acts_along: (!self.tool).then_some(Axis::Z),
+            over: Some(self.axis),
+            is_free_curve: true,
+            ..Traits::default()
+        }
     }
 }
 
@@ -196,11 +193,7 @@ impl Form for Ram {
         hangs_over && self.lever.is_within(span, PIVOT_MAX)
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits { over: Some(self.axis), is_free_curve: true, ..Traits::default() }
     }
 }

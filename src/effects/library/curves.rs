@@ -94,16 +94,8 @@ impl Form for Polynomial {
         self.half_mm > 0.0 && self.low <= self.high && self.centre_mm.is_finite()
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.along)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.over)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits { is_free_curve: true, ..Traits::motion(self.along, self.over) }
     }
 }
 
@@ -157,16 +149,8 @@ impl Form for PositionTable {
         are_targets(&self.targets_mm) && (1..=WIDTH_MAX).contains(&self.width())
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits { is_free_curve: true, ..Traits::motion(self.axis, self.axis) }
     }
 }
 
@@ -201,10 +185,6 @@ impl Form for Reverse {
         out.iter_mut().zip(means.chain(reversals)).for_each(|(o, d)| *o = d);
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.column(), format!("dir_{}", self.axis)]
-    }
-
     fn drawing(&self) -> Drawing {
         Drawing::from(Over::Position(self.axis)).by(Branch::Direction(self.axis))
     }
@@ -217,16 +197,8 @@ impl Form for Reverse {
         self.half_mm > 0.0 && self.high >= 2 && self.centre_mm.is_finite()
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits { is_free_curve: true, ..Traits::motion(self.axis, self.axis) }
     }
 }
 

@@ -124,20 +124,8 @@ impl Form for Cyclic {
         vec![with(self, |s| s.pitch_mm *= 1.0 + (f - 1.0) * PITCH_STEP)]
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.along)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
-    }
-
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits { is_of_drive: true, is_free_curve: true, ..Traits::motion(self.along, self.axis) }
     }
 }
 
@@ -194,19 +182,7 @@ impl Form for RotaryCyclic {
         self.waves > 0 && (1..=2).contains(&self.harmonics)
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.frame.axis)
-    }
-
-    fn turns(&self) -> Option<Axis> {
-        self.over()
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
-    }
-
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits { is_free_curve: true, ..Traits::rotation(self.frame.axis) }
     }
 }

@@ -132,8 +132,8 @@ impl Form for Growth {
         self.signals.iter().all(within)
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        (self.along.len() == 1).then(|| self.along[0])
+    fn traits(&self) -> Traits {
+        Traits { acts_along: (self.along.len() == 1).then(|| self.along[0]), ..Traits::default() }
     }
 
     fn signals(&self) -> Vec<&Signal> {

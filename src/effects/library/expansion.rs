@@ -72,8 +72,8 @@ impl Form for Thermal {
         named(&all[..1 + usize::from(tau_s > 0.0)])
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
+    fn traits(&self) -> Traits {
+        Traits { over: Some(self.axis), ..Traits::default() }
     }
 
     fn signals(&self) -> Vec<&Signal> {

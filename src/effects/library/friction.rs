@@ -127,16 +127,12 @@ impl Form for Spike {
             && self.rise_s <= RISE_SHARE * self.fall_s
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.axis)
+    fn traits(&self) -> Traits {
+        Traits { acts_along: Some(self.axis), is_of_drive: true, ..Traits::default() }
     }
 
     fn builds_up(&self) -> (f64, f64) {
         (f64::INFINITY, self.fall_s)
-    }
-
-    fn is_structural(&self) -> bool {
-        false
     }
 }
 
@@ -155,10 +151,6 @@ impl Form for Friction {
         out[0] = unit(self.axis.direction()) * -(m.velocity[self.axis.slot()] / CREEP_MM_PER_S).tanh();
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.velocity_column()]
-    }
-
     fn drawing(&self) -> Drawing {
         Over::Velocity(self.axis).into()
     }
@@ -173,11 +165,7 @@ impl Form for Friction {
         )
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits { acts_along: Some(self.axis), is_of_drive: true, ..Traits::default() }
     }
 }

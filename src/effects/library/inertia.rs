@@ -73,10 +73,6 @@ impl Form for Inertial {
         }
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![self.axis.acceleration_column()]
-    }
-
     fn drawing(&self) -> Drawing {
         Over::Acceleration(self.axis).into()
     }
@@ -87,8 +83,8 @@ impl Form for Inertial {
         terms(model, entry, [Term { axis, symbol, law, most, at: 0, slope, unit }])
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.along)
+    fn traits(&self) -> Traits {
+        Traits { acts_along: Some(self.along), ..Traits::default() }
     }
 }
 

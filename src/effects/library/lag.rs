@@ -178,16 +178,16 @@ impl Form for Lag {
             .all(|w| w.looks_back() && [w.tau_s, w.inner_s, w.dead_time_s].iter().all(|t| *t >= 0.0))
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        (self.axes.len() == 1).then(|| self.axes[0])
+    fn traits(&self) -> Traits {
+        Traits {
+            acts_along: (self.axes.len() == 1).then(|| self.axes[0]),
+            is_of_drive: true,
+            ..Traits::default()
+        }
     }
 
     fn signals(&self) -> Vec<&Signal> {
         self.lagged.iter().collect()
-    }
-
-    fn is_structural(&self) -> bool {
-        false
     }
 }
 
@@ -221,8 +221,8 @@ impl Form for RotaryLag {
         terms(model, entry, [Term { axis, symbol, law, most, at: 0, slope: false, unit: -PER_MS }])
     }
 
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits { is_of_drive: true, ..Traits::default() }
     }
 }
 
@@ -262,7 +262,7 @@ impl Form for ClockSkew {
         Over::VelocityAlongU.into()
     }
 
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits { is_of_drive: true, ..Traits::default() }
     }
 }

@@ -35,10 +35,6 @@ impl Form for Load {
         out[0] = unit(self.along.direction()) * (f.signum() * f.abs().powf(self.power));
     }
 
-    fn columns(&self) -> Vec<String> {
-        vec![format!("force_{}_n", self.axis)]
-    }
-
     fn drawing(&self) -> Drawing {
         Over::Force(self.axis).into()
     }
@@ -51,7 +47,7 @@ impl Form for Load {
         named(&[("exponent_1", self.power)])
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.along)
+    fn traits(&self) -> Traits {
+        Traits { acts_along: Some(self.along), ..Traits::default() }
     }
 }

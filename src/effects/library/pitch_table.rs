@@ -194,20 +194,8 @@ impl Form for PitchTable {
         self.contrasts().is_valid()
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.direction())
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
-    }
-
-    fn is_process(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits { is_free_curve: true, is_process: true, ..Traits::motion(self.direction(), self.axis) }
     }
 }
 
@@ -255,24 +243,8 @@ impl Form for RotaryTable {
         self.contrasts().is_valid()
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.frame.axis)
-    }
-
-    fn turns(&self) -> Option<Axis> {
-        self.over()
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
-    }
-
-    fn is_process(&self) -> bool {
-        true
-    }
-
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits { is_free_curve: true, is_process: true, ..Traits::rotation(self.frame.axis) }
     }
 }
 
@@ -308,10 +280,6 @@ impl Form for AngularTable {
         self.lever.turn_by(self.about, m, self.angles(m.position[self.over.slot()]), out);
     }
 
-    fn columns(&self) -> Vec<String> {
-        [self.over.column()].into_iter().chain(self.lever.columns()).collect()
-    }
-
     fn drawing(&self) -> Drawing {
         Drawing::from(Over::Position(self.over)).scaled(Weight::Lever(self.about, self.lever))
     }
@@ -326,20 +294,14 @@ impl Form for AngularTable {
         are_targets(&self.targets_mm) && (1..=WIDTH_MAX).contains(&self.width())
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.over)
-    }
-
-    fn turns(&self) -> Option<Axis> {
-        Some(Axis::ROTARY[self.about.direction()])
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
-    }
-
-    fn is_process(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits {
+            over: Some(self.over),
+            turns: Some(Axis::ROTARY[self.about.direction()]),
+            is_free_curve: true,
+            is_process: true,
+            ..Traits::default()
+        }
     }
 }
 

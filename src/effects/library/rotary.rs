@@ -113,8 +113,8 @@ impl Form for RotaryLocation {
         Ok(places[4 - self.width()..].iter().enumerate().map(constant).collect::<Vec<_>>().into())
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.frame.axis)
+    fn traits(&self) -> Traits {
+        Traits { over: Some(self.frame.axis), ..Traits::default() }
     }
 }
 
@@ -157,12 +157,8 @@ impl Form for RotaryMotion {
         displacements(model, entry, self.axis, Sampling::Even)
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits { over: Some(self.axis), is_free_curve: true, ..Traits::default() }
     }
 }
 
@@ -204,15 +200,7 @@ impl Form for RotaryEccentricity {
         rotation(model, entry, self.frame.axis, (self.frame.axis, None), Sampling::Even, &angle)
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.frame.axis)
-    }
-
-    fn turns(&self) -> Option<Axis> {
-        self.over()
-    }
-
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits::rotation(self.frame.axis)
     }
 }

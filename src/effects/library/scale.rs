@@ -31,12 +31,8 @@ impl Form for Scale {
         displacements(model, entry, self.axis, Sampling::Line)
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
+    fn traits(&self) -> Traits {
+        Traits::motion(self.axis, self.axis)
     }
 }
 
@@ -60,15 +56,7 @@ impl Form for RotaryScale {
         rotation(model, entry, axis, (axis, None), Sampling::Even, &|q| arcsec * q)
     }
 
-    fn over(&self) -> Option<Axis> {
-        Some(self.frame.axis)
-    }
-
-    fn turns(&self) -> Option<Axis> {
-        self.over()
-    }
-
-    fn is_structural(&self) -> bool {
-        false
+    fn traits(&self) -> Traits {
+        Traits::rotation(self.frame.axis)
     }
 }

@@ -44,11 +44,7 @@ impl Form for Squareness {
         displacements(model, entry, self.over, Sampling::Line)
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.along)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.over)
+    fn traits(&self) -> Traits {
+        Traits::motion(self.along, self.over)
     }
 }

@@ -40,10 +40,6 @@ impl Form for SpindleTilt {
         out[1] = m.head.turns(Vec3::new(-l, 0.0, 0.0));
     }
 
-    fn columns(&self) -> Vec<String> {
-        plain(&["tool_length_mm"])
-    }
-
     fn drawing(&self) -> Drawing {
         Over::ToolLength.into()
     }
@@ -67,10 +63,6 @@ impl Form for ToolLength {
         out[0] = m.head.turns(Vec3::new(0.0, 0.0, -m.tool_length_mm * 1e-3));
     }
 
-    fn columns(&self) -> Vec<String> {
-        plain(&["tool_length_mm"])
-    }
-
     fn drawing(&self) -> Drawing {
         Over::ToolLength.into()
     }
@@ -79,7 +71,7 @@ impl Form for ToolLength {
         tool(model, ToolErrors { length: entry.value(0) * 1e-6, ..ToolErrors::default() })
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(Axis::Z)
+    fn traits(&self) -> Traits {
+        Traits { acts_along: Some(Axis::Z), ..Traits::default() }
     }
 }

@@ -114,15 +114,7 @@ impl Form for Wear {
             && (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(half_mm / (high - low)))
     }
 
-    fn acts_along(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn over(&self) -> Option<Axis> {
-        Some(self.axis)
-    }
-
-    fn is_free_curve(&self) -> bool {
-        true
+    fn traits(&self) -> Traits {
+        Traits { is_free_curve: true, ..Traits::motion(self.axis, self.axis) }
     }
 }
