@@ -27,7 +27,7 @@ const MIB: u64 = 1 << 20;
 const GIB: u64 = 1 << 30;
 
 /// Kind of an input, which has a largest size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum InputKind {
     /// A machine file of the daemon.
     Machine,
@@ -54,21 +54,6 @@ pub enum InputKind {
 }
 
 impl InputKind {
-    /// Every kind, in the order of docs/reference/limits.md.
-    pub const ALL: [Self; 11] = [
-        Self::Machine,
-        Self::Model,
-        Self::Description,
-        Self::Case,
-        Self::Table,
-        Self::Stream,
-        Self::Instrument,
-        Self::Capture,
-        Self::Recording,
-        Self::AuditLog,
-        Self::PartProgram,
-    ];
-
     /// The kind in words with its article, its largest size in bytes, and what to do about a larger one.
     const fn about(self) -> (&'static str, u64, &'static str) {
         use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX};

@@ -47,14 +47,6 @@ impl Cell {
     fn number(value: f64) -> Self {
         if value.is_finite() { Self::Number(value) } else { Self::Empty }
     }
-
-    fn flag(set: bool) -> Self {
-        Self::Whole(set.into())
-    }
-
-    fn or_empty(value: Option<f64>) -> Self {
-        value.map_or(Self::Empty, Self::number)
-    }
 }
 
 /// How an axis has moved. mm and s, or deg and s.
@@ -107,7 +99,7 @@ struct Anchor {
 }
 
 /// What takes a column: its name, made where it is asked for, its kind, and a cell.
-type Put<'a> = dyn FnMut(core::fmt::Arguments<'_>, Kind, Cell) + 'a;
+type Put<'a> = dyn FnMut(core::fmt::Arguments<'_>, (Kind, Cell)) + 'a;
 
 /// Turns entries into rows.
 #[derive(Default)]
@@ -201,7 +193,7 @@ impl Rows {
     /// Columns for the axes known.
     fn names(&self) -> Vec<Column> {
         let mut columns = Vec::new();
-        self.columns_of(None, &mut |name, kind, _| columns.push(Column { name: name.to_string(), kind }));
+        self.columns_of(None, &mut |name, (kind, _)| columns.push(Column { name: name.to_string(), kind }));
         columns
     }
 
@@ -232,7 +224,7 @@ impl Rows {
         }
         let mut cells = core::mem::take(&mut self.cells);
         cells.clear();
-        self.columns_of(Some((record, cycle)), &mut |_, _, cell| cells.push(cell));
+        self.columns_of(Some((record, cycle)), &mut |_, (_, cell)| cells.push(cell));
         self.cells = cells;
     }
 
@@ -240,74 +232,59 @@ impl Rows {
     fn columns_of(&self, of: Option<(u64, &Cycle)>, put: &mut Put<'_>) {
         let frame = of.map(|(_, cycle)| &cycle.frame);
         let answer = of.and_then(|(_, cycle)| cycle.answer.as_ref());
-        let number = |value: Option<f64>| Cell::or_empty(value);
-        let whole = |value: Option<i64>| value.map_or(Cell::Empty, Cell::Whole);
-        put(format_args!("t_s"), Kind::Number, Cell::Number(self.t_s));
-        put(format_args!("instrument"), Kind::Text, Cell::Text("recording"));
-        put(format_args!("setup"), Kind::Whole, Cell::Whole(self.links));
-        put(format_args!("run"), Kind::Whole, Cell::Whole(0));
-        put(format_args!("repeat"), Kind::Whole, Cell::Whole(0));
+        let number = |value: Option<f64>| (Kind::Number, value.map_or(Cell::Empty, Cell::number));
+        let whole = |value: Option<i64>| (Kind::Whole, value.map_or(Cell::Empty, Cell::Whole));
+        let flag = |set: Option<bool>| whole(set.map(i64::from));
+        let text = |words: Option<&'static str>| (Kind::Text, words.map_or(Cell::Empty, Cell::Text));
+        put(format_args!("t_s"), number(Some(self.t_s)));
+        put(format_args!("instrument"), text(Some("recording")));
+        put(format_args!("setup"), whole(Some(self.links)));
+        put(format_args!("run"), whole(Some(0)));
+        put(format_args!("repeat"), whole(Some(0)));
         for (k, Axis { name, .. }) in self.axes.iter().enumerate() {
             let cell = number(frame.map(|f| f.commanded[k]));
-            put(format_args!("{}_{}", name.lower(), position_unit(*name)), Kind::Number, cell);
+            put(format_args!("{}_{}", name.lower(), position_unit(*name)), cell);
         }
         for name in ["u_x", "u_y", "u_z", "deviation_um"] {
-            put(format_args!("{name}"), Kind::Number, Cell::Empty);
+            put(format_args!("{name}"), number(None));
         }
         for (k, axis) in self.axes.iter().enumerate() {
             let (letter, unit, fine) = (axis.name.lower(), position_unit(axis.name), offset_unit(axis.name));
             let kind = axis.name.kind();
             let offset = |v: f64| kind.offset_out(kind.position_in(v));
             let moved = axis.motion.filter(|m| m.direction != 0);
-            let bit = |bits: Option<u8>| bits.map_or(Cell::Empty, |b| Cell::flag(b >> k & 1 == 1));
-            put(
-                format_args!("v{letter}_{unit}_per_s"),
-                Kind::Number,
-                number(axis.motion.and_then(|m| m.velocity)),
-            );
-            put(format_args!("dir_{letter}"), Kind::Whole, whole(moved.map(|m| m.direction.into())));
+            let bit = |bits: Option<u8>| flag(bits.map(|b| b >> k & 1 == 1));
+            put(format_args!("v{letter}_{unit}_per_s"), number(axis.motion.and_then(|m| m.velocity)));
+            put(format_args!("dir_{letter}"), whole(moved.map(|m| m.direction.into())));
             let since = moved.map(|m| ((m.last - m.reversed.0).abs(), self.t_s - m.reversed.1));
-            put(format_args!("since_reversal_{letter}_{unit}"), Kind::Number, number(since.map(|s| s.0)));
-            put(format_args!("since_reversal_{letter}_s"), Kind::Number, number(since.map(|s| s.1)));
-            put(format_args!("actual_{letter}_{unit}"), Kind::Number, number(frame.map(|f| f.actual[k])));
-            put(
-                format_args!("offset_{letter}_{fine}"),
-                Kind::Number,
-                number(answer.map(|a| offset(a.offset[k]))),
-            );
-            put(
-                format_args!("applied_{letter}_{fine}"),
-                Kind::Number,
-                number(frame.map(|f| offset(f.applied[k]))),
-            );
-            put(
-                format_args!("wanted_{letter}_{fine}"),
-                Kind::Number,
-                number(answer.map(|a| offset(a.wanted[k]))),
-            );
+            put(format_args!("since_reversal_{letter}_{unit}"), number(since.map(|s| s.0)));
+            put(format_args!("since_reversal_{letter}_s"), number(since.map(|s| s.1)));
+            put(format_args!("actual_{letter}_{unit}"), number(frame.map(|f| f.actual[k])));
+            put(format_args!("offset_{letter}_{fine}"), number(answer.map(|a| offset(a.offset[k]))));
+            put(format_args!("applied_{letter}_{fine}"), number(frame.map(|f| offset(f.applied[k]))));
+            put(format_args!("wanted_{letter}_{fine}"), number(answer.map(|a| offset(a.wanted[k]))));
             for (name, bits) in [
                 ("limited", answer.map(|a| a.limited)),
                 ("warning", answer.map(|a| a.warning)),
                 ("out_of_range", answer.map(|a| a.out_of_range)),
                 ("faded", answer.map(|a| a.faded)),
             ] {
-                put(format_args!("{name}_{letter}"), Kind::Whole, bit(bits));
+                put(format_args!("{name}_{letter}"), bit(bits));
             }
         }
-        let has = |bit| frame.map_or(Cell::Empty, |f| Cell::flag(f.state.has(bit)));
-        put(format_args!("moving"), Kind::Whole, has(MachineState::MOVING));
+        let has = |bit| flag(frame.map(|f| f.state.has(bit)));
+        put(format_args!("moving"), has(MachineState::MOVING));
         for (k, name) in ["tool_x_mm", "tool_y_mm", "tool_z_mm"].into_iter().enumerate() {
-            put(format_args!("{name}"), Kind::Number, number(self.tool.map(|tool| tool.tip[k])));
+            put(format_args!("{name}"), number(self.tool.map(|tool| tool.tip[k])));
         }
-        put(format_args!("feed_mm_per_min"), Kind::Number, number(frame.map(|f| f.feed_mm_per_min)));
+        put(format_args!("feed_mm_per_min"), number(frame.map(|f| f.feed_mm_per_min)));
         for (name, unit, value) in self.sensors.values() {
-            put(format_args!("live_{name}_{unit}"), Kind::Number, Cell::or_empty(value));
+            put(format_args!("live_{name}_{unit}"), number(value));
         }
-        let text = |words: Option<&'static str>| words.map_or(Cell::Empty, Cell::Text);
-        put(format_args!("state"), Kind::Text, text(answer.map(|a| a.state.name())));
-        put(format_args!("cause"), Kind::Text, text(answer.and_then(|a| a.change).map(cause)));
+        put(format_args!("state"), text(answer.map(|a| a.state.name())));
+        put(format_args!("cause"), text(answer.and_then(|a| a.change).map(cause)));
         let lag = answer.map(|a| a.lag_cycles).filter(|cycles| *cycles > 0);
-        put(format_args!("lag_cycles"), Kind::Whole, whole(lag.map(i64::from)));
+        put(format_args!("lag_cycles"), whole(lag.map(i64::from)));
         for (name, bit) in [
             ("homed", MachineState::HOMED),
             ("enabled", MachineState::ENABLED),
@@ -315,14 +292,14 @@ impl Rows {
             ("offset_limited", MachineState::OFFSET_LIMITED),
             ("offset_ramping_out", MachineState::OFFSET_RAMPING_OUT),
         ] {
-            put(format_args!("{name}"), Kind::Whole, has(bit));
+            put(format_args!("{name}"), has(bit));
         }
-        put(format_args!("sequence"), Kind::Whole, whole(frame.map(|f| f.sequence.into())));
+        put(format_args!("sequence"), whole(frame.map(|f| f.sequence.into())));
         let record = of.map(|(record, _)| i64::try_from(record).unwrap_or(i64::MAX));
-        put(format_args!("record"), Kind::Whole, whole(record));
-        put(format_args!("control_s"), Kind::Number, number(frame.map(|f| f.control_ns as f64 / NS_PER_S)));
+        put(format_args!("record"), whole(record));
+        put(format_args!("control_s"), number(frame.map(|f| f.control_ns as f64 / NS_PER_S)));
         let received = of.map(|(_, cycle)| self.first.map_or(0.0, |first| cycle.now.seconds_since(first)));
-        put(format_args!("received_s"), Kind::Number, number(received));
+        put(format_args!("received_s"), number(received));
     }
 }
 
