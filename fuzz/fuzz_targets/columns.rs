@@ -25,7 +25,7 @@ fuzz_target!(|data: &[u8]| {
             Ok(true) => {
                 assert_eq!(columns.values().len(), outputs);
                 if let [first, ..] = columns.values() {
-                    placed += u64::from(runs.push(*first, 0.0).is_some());
+                    placed += u64::from(runs.push(*first, 0.0, None, None).is_some());
                     pushed += 1;
                 }
             }

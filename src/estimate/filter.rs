@@ -390,12 +390,6 @@ impl NodeFilter {
         }
     }
 
-    /// The offline map.
-    #[must_use]
-    pub fn prior(&self) -> &[f64] {
-        &self.prior
-    }
-
     /// Takes a reading.
     ///
     /// # Cycle   no allocation; grows with the square of the state (meant to run beside the cycle)
@@ -525,12 +519,6 @@ impl NodeFilter {
     pub fn variances(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
         let n = self.x.len();
         (0..self.nodes * self.components).map(move |i| self.p[i * n + i])
-    }
-
-    /// Covariance of the state, row by row, numbers beside the map last.
-    #[must_use]
-    pub fn covariance(&self) -> &[f64] {
-        &self.p
     }
 
     fn bounded(&self, i: usize) -> f64 {

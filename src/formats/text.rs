@@ -46,8 +46,8 @@ impl Encoding {
     }
 
     /// The bytes of a text; `None` where the encoding lacks one of its characters.
-    #[must_use]
-    pub fn encode(self, text: &str) -> Option<Vec<u8>> {
+    #[cfg(test)]
+    pub(crate) fn encode(self, text: &str) -> Option<Vec<u8>> {
         if self == Self::Utf16 {
             let marked = core::iter::once(0xfeff).chain(text.encode_utf16());
             return Some(marked.flat_map(u16::to_le_bytes).collect());

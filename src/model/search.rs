@@ -85,22 +85,10 @@ impl Volume {
         &self.ranges
     }
 
-    /// Chain indices of the axes that are moved.
-    #[must_use]
-    pub fn free(&self) -> &[usize] {
-        &self.free
-    }
-
     /// Chain indices of the axes that are moved in both directions.
     #[must_use]
     pub fn directed(&self) -> &[usize] {
         &self.directed
-    }
-
-    /// The pose from which axes that do not move take their place.
-    #[must_use]
-    pub const fn home(&self) -> &Pose {
-        &self.home
     }
 
     /// The poses of a grid of about `wanted` places, in both directions of travel where it matters.

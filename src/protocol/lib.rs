@@ -26,7 +26,7 @@ pub use frame::{Frame, Kind, MAX_FRAME, decode, encode};
 pub use layout::Payload;
 pub use message::{
     Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, CorrectionState, DaemonHello, ErrorCode,
-    ErrorReport, Heartbeat, MachineState, Message, Name, Position, Tool, sequence_step,
+    ErrorReport, Heartbeat, MachineState, Message, Name, Position, Tool,
 };
 pub use stream::FrameReader;
 

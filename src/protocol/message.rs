@@ -411,43 +411,12 @@ impl fmt::Display for ErrorCode {
     }
 }
 
-impl DaemonHello {
-    /// The highest version that both the daemon and a control with versions `min` to `max` understand.
-    #[must_use]
-    pub fn common_version(&self, min: u8, max: u8) -> Option<u8> {
-        let version = self.version_max.min(max);
-        (version >= self.version_min && version >= min).then_some(version)
-    }
-}
-
 impl ControlHello {
     /// The axes that the control has, in wire order.
     #[must_use]
     pub fn used_axes(&self) -> &[Axis] {
         &self.axes[..usize::from(self.axis_count).min(MAX_AXES)]
     }
-}
-
-impl Correction {
-    /// True where every offset is a number; anything else must not reach a drive.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        self.offset.iter().all(|v| v.is_finite())
-    }
-}
-
-impl Tool {
-    /// True where the tip is a point; any other tool must not reach the model.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        self.tip.iter().all(|v| v.is_finite())
-    }
-}
-
-/// How many cycles `later` comes after `earlier`, through the wrap at 2^32: 0 = repeated, negative = older.
-#[must_use]
-pub const fn sequence_step(earlier: u32, later: u32) -> i32 {
-    later.wrapping_sub(earlier).cast_signed()
 }
 
 impl MachineState {

@@ -196,7 +196,7 @@ fn columns(args: &Args, path: &Path, sink: &mut dyn FnMut(AxisKind, &Reading) ->
             put(table.line() as u64, cycle, travel, row[target], deviation)?;
         } else {
             // what is not given follows from the order; a given part wins over a derived one
-            if let Some(placed) = runs.push_with(row[target], deviation, cycle, travel) {
+            if let Some(placed) = runs.push(row[target], deviation, cycle, travel) {
                 certain(&file, before, &placed, kind)?;
                 put(before, placed.cycle, placed.travel, placed.position, placed.value)?;
             }

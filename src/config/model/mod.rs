@@ -15,7 +15,7 @@ mod write;
 use self::keys::{PositionKeys, grid_key};
 pub use dynamics::section_of;
 pub use provenance::{Measured, Provenance, SourceEntry};
-pub use write::{kind_of, write, write_file};
+pub use write::{kind_of, write_file};
 
 use std::collections::BTreeMap;
 

@@ -6,6 +6,10 @@ use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoi
 use volcomp_model::{AxisSpec, Curve, DynamicTerm, ErrorFunction, Law, Sense, ToolErrors};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
+fn write(spec: &ModelSpec, comment: &[String]) -> String {
+    write_file(&ModelFile::new(spec.clone()), comment)
+}
+
 /// A model file with every kind of curve of `docs/reference/model-files.md`.
 const CONTRACT: &str = r#"format = "volcomp-model/1"
 machine = "vmc-850"                     # the daemon refuses a model of another machine

@@ -9,27 +9,18 @@ use super::{FORMAT, ModelFile, Provenance, dynamics, thermal};
 use volcomp_model::curve::{Grid, Interpolation};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use volcomp_model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, Sense};
 use volcomp_units::axes::AxisKind;
 use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
 
 /// Numbers of a list per line.
 const PER_LINE: usize = 10;
 
-/// Writes a model so that [`parse`](super::parse) gives the same model back; `comment` lines go on top, each
-/// behind `#`. An error without curves is zero and is not written.
-#[must_use]
-pub fn write(spec: &ModelSpec, comment: &[String]) -> String {
-    write_model(spec, None, comment)
-}
-
-/// Writes a model with its provenance.
+/// Writes a model with its provenance so that [`parse_file`](super::parse_file) gives the same back; `comment` lines go on
+/// top, each behind `#`. An error without curves is zero and is not written.
 #[must_use]
 pub fn write_file(model: &ModelFile, comment: &[String]) -> String {
-    write_model(&model.spec, Some(model), comment)
-}
-
-fn write_model(spec: &ModelSpec, origin: Option<&ModelFile>, comment: &[String]) -> String {
+    let spec = &model.spec;
     let mut out = String::new();
     for line in comment.iter().flat_map(|c| c.lines()) {
         // control characters are not allowed in comments
@@ -39,9 +30,9 @@ fn write_model(spec: &ModelSpec, origin: Option<&ModelFile>, comment: &[String])
     line_of(&mut out, format_args!("format = {}", quoted(FORMAT)));
     line_of(&mut out, format_args!("machine = {}", quoted(&spec.machine)));
     line_of(&mut out, format_args!("chain = {}", quoted(&spec.chain.to_string())));
-    if let Some(p) = origin.map(|o| &o.provenance).filter(|p| !p.is_empty()) {
+    if !model.provenance.is_empty() {
         heading(&mut out, "provenance");
-        write_provenance(&mut out, p);
+        write_provenance(&mut out, &model.provenance);
     }
     heading(&mut out, "frame");
     line_of(&mut out, format_args!("workpiece-origin-mm = {}", point(&spec.workpiece_origin)));
@@ -69,10 +60,10 @@ fn write_model(spec: &ModelSpec, origin: Option<&ModelFile>, comment: &[String])
         }
     }
     for (symbol, function) in &spec.errors {
-        let origin = origin.and_then(|o| o.of_errors.iter().find(|(s, _)| s == symbol)).map(|(_, p)| p);
+        let origin = model.of_errors.iter().find(|(s, _)| s == symbol).map(|(_, p)| p);
         write_error(&mut out, *symbol, function, origin);
     }
-    for thermal in origin.into_iter().flat_map(|o| &o.thermal) {
+    for thermal in &model.thermal {
         thermal::write(&mut out, thermal);
     }
     out

@@ -89,11 +89,6 @@ impl<R: BufRead> Columns<R> {
         self.map.columns.iter().map(|(name, _)| name.as_str())
     }
 
-    /// What separates the fields.
-    pub const fn delimiter(&self) -> Delimiter {
-        self.delimiter
-    }
-
     /// 1-based number of the current line.
     pub const fn line(&self) -> usize {
         self.lines.line()

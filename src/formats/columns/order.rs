@@ -47,13 +47,8 @@ pub struct Runs {
 }
 
 impl Runs {
-    /// Takes a row and gives the one before it.
-    pub fn push(&mut self, position: f64, value: f64) -> Option<Placed> {
-        self.push_with(position, value, None, None)
-    }
-
     /// Takes a row whose cycle or direction is known.
-    pub fn push_with(
+    pub fn push(
         &mut self,
         position: f64,
         value: f64,
@@ -108,7 +103,8 @@ mod tests {
 
     fn runs(positions: &[f64]) -> Vec<(u32, i8)> {
         let mut runs = Runs::default();
-        let mut found: Vec<Placed> = positions.iter().filter_map(|p| runs.push(*p, 0.0)).collect();
+        let mut found: Vec<Placed> =
+            positions.iter().filter_map(|p| runs.push(*p, 0.0, None, None)).collect();
         found.extend(runs.finish());
         assert!(found.iter().map(|p| p.position).eq(positions.iter().copied()));
         found.iter().map(|p| (p.cycle, if p.travel == Travel::Forward { 1 } else { -1 })).collect()
@@ -131,7 +127,8 @@ mod tests {
     fn a_step_cycle_does_not_tell_its_directions() {
         let uncertain = |positions: &[f64]| -> Vec<usize> {
             let mut runs = Runs::default();
-            let mut found: Vec<Placed> = positions.iter().filter_map(|p| runs.push(*p, 0.0)).collect();
+            let mut found: Vec<Placed> =
+                positions.iter().filter_map(|p| runs.push(*p, 0.0, None, None)).collect();
             found.extend(runs.finish());
             (0..found.len()).filter(|i| !found[*i].is_certain).collect()
         };

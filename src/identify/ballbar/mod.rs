@@ -353,19 +353,6 @@ impl core::fmt::Display for Plane {
 }
 
 impl Effect {
-    /// The axis of the plane to which it belongs, where it belongs to one.
-    #[must_use]
-    pub const fn axis(self) -> Option<usize> {
-        match self {
-            Self::Squareness | Self::ScaleMismatch | Self::ServoMismatch => None,
-            Self::Backlash(a)
-            | Self::LateralPlay(a)
-            | Self::Straightness(a)
-            | Self::ReversalSpike(a)
-            | Self::Cyclic(a) => Some(a),
-        }
-    }
-
     /// Name with subject, such as `backlash:x`, `straightness:eyx`, `squareness:xy`.
     #[must_use]
     pub fn name(self, plane: Plane) -> String {

@@ -75,12 +75,6 @@ impl Band {
         self.sigma
     }
 
-    /// Degrees of freedom of that estimate.
-    #[must_use]
-    pub const fn dof(&self) -> usize {
-        self.dof
-    }
-
     /// The curve plus and minus this many standard deviations holds the truth at a position with 95 %.
     #[must_use]
     pub fn factor_95(&self) -> f64 {

@@ -69,23 +69,8 @@ pub(super) fn of_corrections(spec: &ModelSpec) -> Result<Effects, ModelError> {
     Effects::new(&relative, &symbols)
 }
 
-/// Columns of all motions found so far, at every position but the reference ones: 3 rows.
-pub(super) fn of_found(spec: &ModelSpec, steps: &[Found], row: &Row) -> Result<DMatrix<f64>, ModelError> {
-    let mut parts = Vec::with_capacity(steps.len());
-    for found in steps {
-        let symbols: Vec<ErrorSymbol> = found.motions.iter().map(|m| m.symbol).collect();
-        parts.push(Effects::new(spec, &symbols)?);
-    }
-    Ok(of_found_with(spec, steps, &parts, row))
-}
-
-/// The same with effects at hand, one per step.
-pub(super) fn of_found_with(
-    spec: &ModelSpec,
-    steps: &[Found],
-    effects: &[Effects],
-    row: &Row,
-) -> DMatrix<f64> {
+/// Columns of all motions found so far, at every position but the reference ones: 3 rows. `effects` holds one per step.
+pub(super) fn of_found(spec: &ModelSpec, steps: &[Found], effects: &[Effects], row: &Row) -> DMatrix<f64> {
     let width = steps.iter().map(Found::unknowns).sum();
     let mut columns = DMatrix::zeros(3, width);
     let mut start = 0;

@@ -28,7 +28,7 @@ mod step;
 
 pub use plan::{Planned, plan};
 
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::DMatrix;
 
 use volcomp_model::curve::{CurveError, Interpolation, Table};
 use volcomp_model::geometry::Vec3;
@@ -199,8 +199,6 @@ pub struct Chain {
     steps: Vec<Found>,
     /// Covariance of all motions at all positions but the reference ones, in the order of the steps.
     covariance: DMatrix<f64>,
-    /// Whether a noise was known in every step.
-    has_covariance: bool,
 }
 
 /// Why a step cannot be identified.
@@ -302,7 +300,7 @@ impl Chain {
     /// A chain before its first step: geometry, and errors that are taken as known exactly.
     #[must_use]
     pub fn new(spec: ModelSpec) -> Self {
-        Self { spec, steps: Vec::new(), covariance: DMatrix::zeros(0, 0), has_covariance: true }
+        Self { spec, steps: Vec::new(), covariance: DMatrix::zeros(0, 0) }
     }
 
     /// The model with what was found so far.
@@ -338,28 +336,8 @@ impl Chain {
             }
         }
         self.covariance = solved.covariance;
-        self.has_covariance &= solved.found.sigma.is_some();
         self.steps.push(solved.found);
         Ok(&self.steps[self.steps.len() - 1])
-    }
-
-    /// Covariance of the predicted position of the tip in W, mm^2, from everything found so far; `None` where a step
-    /// had neither redundancy nor a stated noise.
-    ///
-    /// # Errors
-    /// The geometry breaks a rule of models.
-    pub fn covariance_at(
-        &self,
-        position: &AxisArray,
-        tip: Vec3,
-    ) -> Result<Option<Matrix3<f64>>, GrinderError> {
-        if !self.has_covariance {
-            return Ok(None);
-        }
-        let row = Row { position: *position, correction: [0.0; 8], tip, deviation: [None; 3] };
-        let columns = effects::of_found(&self.spec, &self.steps, &row)?;
-        let found = &columns * &self.covariance * columns.transpose();
-        Ok(Some(Matrix3::from_fn(|i, j| found[(i, j)])))
     }
 }
 

@@ -468,7 +468,7 @@ impl<'a> Problem<'a> {
             .measured
             .rows
             .iter()
-            .map(|r| effects::of_found_with(&self.spec, &chain.steps, &effects, r))
+            .map(|r| effects::of_found(&self.spec, &chain.steps, &effects, r))
             .collect();
         Ok(DMatrix::from_fn(self.scalars.len(), chain.covariance.ncols(), |i, j| {
             let s = self.scalars[i];
@@ -586,7 +586,7 @@ fn chain_share(
         .rows
         .iter()
         .map(|row| {
-            let columns = effects::of_found_with(spec, &steps, &effects, row);
+            let columns = effects::of_found(spec, &steps, &effects, row);
             (&columns * covariance * columns.transpose()).trace().max(0.0)
         })
         .sum();

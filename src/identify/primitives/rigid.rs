@@ -9,7 +9,7 @@ use nalgebra::{Matrix6, Vector6};
 
 use super::jacobi;
 use super::twist::{self, Deficient, Sighting, cross_matrix};
-use volcomp_model::geometry::{Mat3, Vec3, small_rotation};
+use volcomp_model::geometry::{Mat3, Vec3};
 use volcomp_model::statistics::ChiSquare;
 
 /// A rigid motion `x -> rotation x + translation` found from points.
@@ -235,12 +235,6 @@ pub fn angles_of(rotation: &Mat3) -> Vec3 {
     Vec3::new(r[(2, 1)].atan2(r[(2, 2)]), (-r[(2, 0)]).atan2(cosine), r[(1, 0)].atan2(r[(0, 0)]))
 }
 
-/// The rotation of the angles A, B, C.
-#[must_use]
-pub fn rotation_of(angles: &Vec3) -> Mat3 {
-    small_rotation(angles)
-}
-
 /// Spread across a line, as a share of that along it, below which the turn about it is not determined.
 const SINGULAR: f64 = 1e-6;
 /// Steps of the weighted fit; it converges in four.
@@ -251,6 +245,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use volcomp_model::geometry::small_rotation;
 
     fn corners() -> Vec<Vec3> {
         [[0.0, 0.0, 0.0], [900.0, 20.0, 0.0], [30.0, 700.0, -5.0], [10.0, 40.0, 650.0], [800.0, 600.0, 20.0]]
@@ -262,7 +257,7 @@ mod tests {
         #[test]
         fn any_rotation_comes_back(a in -3.1..3.1f64, b in -1.5..1.5f64, c in -3.1..3.1f64, t in -5e3..5e3f64) {
             let angles = Vec3::new(a, b, c);
-            let (rotation, shift) = (rotation_of(&angles), Vec3::new(t, -t, 0.3 * t));
+            let (rotation, shift) = (small_rotation(&angles), Vec3::new(t, -t, 0.3 * t));
             let to: Vec<Vec3> = corners().iter().map(|p| rotation * p + shift).collect();
             let weights: Vec<Mat3> = (1..=5).map(|k| Mat3::identity() * f64::from(k)).collect();
             let fit = register(&corners(), &to, &weights).unwrap();
@@ -276,7 +271,7 @@ mod tests {
     #[test]
     fn a_flat_triangle_is_not_mirrored() {
         let from = corners()[..3].to_vec();
-        let rotation = rotation_of(&Vec3::new(2.9, 0.1, -1.0));
+        let rotation = small_rotation(&Vec3::new(2.9, 0.1, -1.0));
         let to: Vec<Vec3> = from.iter().map(|p| rotation * p).collect();
         let (found, _) = procrustes(&from, &to).unwrap();
         assert!((found - rotation).norm() < 1e-13 && (found.determinant() - 1.0).abs() < 1e-13);

@@ -123,16 +123,6 @@ pub enum Untouched {
     },
 }
 
-impl RigidShare {
-    /// True where nothing is left out.
-    #[must_use]
-    pub fn is_zero(&self) -> bool {
-        self.shift.amax() <= LENGTH_ZERO
-            && self.turn.amax() <= ANGLE_ZERO
-            && self.tool_turn.amax() <= ANGLE_ZERO
-    }
-}
-
 impl Effect {
     fn add(&mut self, other: &Self) {
         for (symbol, amount) in &other.errors {

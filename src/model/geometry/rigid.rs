@@ -12,12 +12,6 @@ pub struct Rigid {
 }
 
 impl Rigid {
-    /// The transform that leaves everything in place.
-    #[must_use]
-    pub fn identity() -> Self {
-        Self { rotation: Mat3::identity(), translation: Vec3::zeros() }
-    }
-
     /// A pure translation, mm.
     #[must_use]
     pub fn shift(translation: Vec3) -> Self {

@@ -115,20 +115,3 @@ fn codes_of_enums_are_one_to_one() {
     }
     assert_eq!((0..=u8::MAX).filter(|&c| CorrectionState::from_code(c).is_some()).count(), 8);
 }
-
-#[test]
-fn sequences_compare_through_the_wrap() {
-    assert_eq!(sequence_step(4_294_967_295, 0), 1);
-    assert_eq!(sequence_step(0, 4_294_967_295), -1);
-    assert_eq!(sequence_step(5, 5), 0);
-    assert_eq!(sequence_step(10, 14), 4);
-}
-
-#[test]
-fn the_highest_common_version_is_chosen() {
-    let hello = DaemonHello { version_min: 2, version_max: 4, ..DaemonHello::default() };
-    assert_eq!(hello.common_version(1, 3), Some(3));
-    assert_eq!(hello.common_version(4, 9), Some(4));
-    assert_eq!(hello.common_version(1, 1), None);
-    assert_eq!(hello.common_version(5, 5), None);
-}
