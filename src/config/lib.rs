@@ -12,6 +12,7 @@ pub mod diagnostic;
 mod key_names;
 pub mod machine;
 pub mod model;
+mod prelude;
 mod reader;
 mod syntax;
 

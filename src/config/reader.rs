@@ -7,16 +7,15 @@
 
 mod values;
 
+use crate::prelude::*;
 use std::cell::RefCell;
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
 use values::{kind_of, number_of};
 
-use super::diagnostic::{ConfigErrors, Diagnostic};
-use super::key_names::{in_words, stem, suggestion, unit_of};
+use super::key_names::{in_words, stem};
 use super::syntax;
 
 /// A value and where it stands.

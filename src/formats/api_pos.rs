@@ -5,11 +5,8 @@
 //! reader turns it round to get a correction). Means of single directions are read where they are there, else the
 //! mean of both, as one direction. Repeatability cannot be had from means.
 
-use super::error::{FormatError, FormatErrorKind};
 use super::positioning_test::PositioningTest;
-use super::text::{lines, words};
-use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, Travel};
+use crate::prelude::*;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Block {

@@ -1,10 +1,8 @@
 //! What the tables of one axis have in common: positions with one value per direction.
 
-use super::error::{FormatError, FormatErrorKind};
-use volcomp_model::curve::{Curve, Interpolation, Table};
+use crate::prelude::*;
+use volcomp_model::curve::Table;
 use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT};
-use volcomp_model::{Component, ErrorFunction, ErrorSymbol};
-use volcomp_units::axes::{AxisKind, AxisName};
 
 /// The component that is the positioning error of an axis.
 #[must_use]

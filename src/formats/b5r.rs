@@ -8,8 +8,7 @@
 
 use roxmltree::{Document, Node};
 
-use super::error::{FormatError, FormatErrorKind, short};
-use super::text::Word;
+use crate::prelude::*;
 
 /// A figure of the analysis.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,12 +9,8 @@
 //! of the columns C1 to C6 of KinematicsComp; tables with a structure block (`#STRUCTBEGIN`).
 //! Source: technical manuals of the MANUALplus 620 and the iTNC 530 (columns, limits, assignment).
 
-use super::axis_table::{Row, curve, equidistant, positioning};
-use super::error::{FormatError, FormatErrorKind};
-use super::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_axis};
-use super::text::{Word, lines, rounded, words};
-use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
+use super::axis_table::{Row, curve, equidistant};
+use crate::prelude::*;
 
 /// What the values of a table are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

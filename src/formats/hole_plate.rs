@@ -5,8 +5,7 @@
 //! hole per line below. Lines before the heading are kept as a title; blank lines and `#` comments are skipped. The
 //! error columns must be measured minus nominal to the rounding of the file, or the columns are not what they seem.
 
-use super::error::{FormatError, FormatErrorKind};
-use super::text::{Word, lines, words};
+use crate::prelude::*;
 use volcomp_evaluate::PlatePoint;
 
 /// A measured plate.

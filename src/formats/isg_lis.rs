@@ -8,15 +8,10 @@
 //!
 //! The file holds the positioning error of one axis. Source: the vendors' manuals (axis compensation).
 
-use std::collections::BTreeMap;
+use crate::prelude::*;
 
 use super::axis_table::{Row, curve};
-use super::error::{FormatError, FormatErrorKind};
-use super::sample::{AxisTable, ExportError, Limits, Sampling, sample_positioning};
-use super::text::{Word, lines, words};
-use volcomp_model::{ErrorFunction, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::rad_from_deg;
+use super::sample::sample_positioning;
 
 /// Most points of a table, the control's own default.
 pub const POINTS_MAX: usize = 1500;

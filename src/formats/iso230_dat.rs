@@ -5,14 +5,10 @@
 //! Deviation = reference - target. Other keys are ignored; `#` starts a comment. The file does not state the order between the
 //! directions: the readings are given in the order of the standard test cycle of ISO 230-2.
 
-use std::collections::{BTreeMap, BTreeSet};
+use crate::prelude::*;
 
-use super::error::{FormatError, FormatErrorKind};
 use super::positioning_test::{Order, PositioningTest};
-use super::text::{Word, lines};
-use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, Travel};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// One number with the place at which it stood.
 struct Entry<'a> {

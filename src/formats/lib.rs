@@ -24,6 +24,7 @@ pub mod linuxcnc;
 pub mod motion_table;
 pub mod part_program;
 pub mod positioning_test;
+mod prelude;
 pub mod reflector_poses;
 pub mod rtl;
 pub mod rtx;

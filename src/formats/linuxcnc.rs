@@ -10,12 +10,8 @@
 //! Source: `usrmotintf.cc` and `command.c` of LinuxCNC.
 
 use super::axis_table::{Row, curve};
-use super::error::{FormatError, FormatErrorKind};
-use super::sample::{AxisTable, ExportError, Limits, Sampling, sample_positioning};
-use super::text::{lines, rounded, words};
-use volcomp_model::{ErrorFunction, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{deg_from_rad, rad_from_deg};
+use super::sample::sample_positioning;
+use crate::prelude::*;
 
 /// `COMP_FILE_TYPE`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

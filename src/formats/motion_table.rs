@@ -1,11 +1,8 @@
 //! Table of the motion errors of an axis, as `volcomp fit` reads them: position and every error, in both directions where
 //! they differ.
 
-use super::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_axis};
-use super::text::rounded;
-use volcomp_model::ModelSpec;
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use crate::prelude::*;
+use volcomp_units::arcsec_from_rad;
 
 /// Any number of points, both directions.
 pub(crate) const FREE: Limits =

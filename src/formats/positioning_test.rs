@@ -1,9 +1,6 @@
 //! A positioning test as its file gives it: readings in the order measured, the line of each, and times where there are any.
 
-use std::collections::BTreeSet;
-
-use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, Travel};
+use crate::prelude::*;
 
 /// A positioning test, in the order in which it was measured.
 #[derive(Debug, Clone, PartialEq)]

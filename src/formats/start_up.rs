@@ -1,10 +1,9 @@
 //! Start-up outliers of a positioning test in the units of a report, with the figures of the test without them.
 
 use super::positioning_test::PositioningTest;
+use crate::prelude::*;
 use volcomp_evaluate::{Positioning, PositioningReading};
-use volcomp_identify::Reading;
 use volcomp_identify::start_up::{StartUpOutlier, start_up_outliers};
-use volcomp_units::axes::{AxisKind, Travel};
 
 /// A start-up outlier in the units of the report: mm or deg, um or arcsec.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -16,6 +16,7 @@ mod golden;
 pub mod grinder;
 pub mod motion;
 pub mod nineline;
+mod prelude;
 pub mod primitives;
 pub mod probe;
 pub mod ram;

@@ -6,12 +6,7 @@
 //!
 //! Source: equations 1.4 (sense), 1.8 (gauge), 5.6 (lines).
 
-use nalgebra::{Matrix6, Vector6};
-
-use super::Reading;
-use super::reading::group_by_position;
-use volcomp_model::{Component, ErrorSymbol};
-use volcomp_units::axes::{AxisName, Travel};
+use crate::prelude::*;
 
 /// The error motions at one position, once.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,11 +7,9 @@
 //! Assumptions: targets ride on the carriage at fixed carriage coordinates; readings are actual minus nominal.
 //! Source: equations 5.7.
 
-use nalgebra::{Matrix6, Vector6};
+use crate::prelude::*;
 
-use super::primitives::jacobi;
 use super::twist::{self, Row};
-use volcomp_model::geometry::{Vec3, unit};
 
 /// One reading.
 #[derive(Debug, Clone, Copy, PartialEq)]

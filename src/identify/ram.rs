@@ -8,13 +8,11 @@
 //! a carry information, the third is left out.
 //! Source: equations 5.5, 2.2, 4.3 ((3), (4)).
 
-use nalgebra::{Matrix6, Vector6};
+use crate::prelude::*;
 
 use super::twist::{self, Row, Sighting};
-use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
-use volcomp_model::statistics::{ChiSquare, chi_square_upper};
-use volcomp_model::{Model, ModelSpec};
-use volcomp_units::axes::{AxisName, Travel};
+use volcomp_model::geometry::rotation_about;
+use volcomp_model::statistics::ChiSquare;
 
 /// The head.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,11 +4,7 @@
 //! A stage that was switched on, referenced or clamped shortly before the test often shows its first readings tens of
 //! standard deviations away. They are measurements: they are reported and never removed silently.
 
-use std::collections::BTreeMap;
-
-use super::Reading;
-use super::reading::group_by_position;
-use volcomp_units::axes::Travel;
+use crate::prelude::*;
 
 /// A reading of the first cycle that the other cycles contradict; mm or rad as the test.
 #[derive(Debug, Clone, Copy, PartialEq)]

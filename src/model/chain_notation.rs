@@ -2,8 +2,7 @@
 
 use core::fmt;
 
-use crate::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::symbol::{Component, ErrorSymbol};
+use crate::prelude::*;
 
 /// On which side of the bed an axis sits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,9 +5,8 @@
 //!
 //! Source: equations 2.2 (five-axis correction with its singularity guard) and 2.4.
 
-use super::kinematics::{Deviation, Model, Nominal, Pose};
-use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use crate::geometry::{Mat3, Vec3, unit};
+use super::kinematics::{Deviation, Nominal};
+use crate::prelude::*;
 
 /// Largest correction of a rotary axis, rad, where the axis states none. Where more would be needed (close to a pole) the
 /// correction of that axis falls, continuously, to zero at three times the limit, and the axis is left alone beyond.

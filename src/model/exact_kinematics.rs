@@ -5,10 +5,9 @@
 //!
 //! Source: equations 2; `e` of 1.5, `d` of 1.7, `L` of 1.9.
 
-use super::chain_notation::Side;
-use super::kinematics::{Deviation, Joint, Model, MotionValues, PointFlags, Pose};
-use crate::axes::AxisKind;
-use crate::geometry::{Rigid, Vec3, rotation_about, rotation_vector, small_rotation, unit};
+use super::kinematics::{Deviation, Joint, MotionValues, PointFlags};
+use crate::geometry::{Rigid, rotation_vector, small_rotation};
+use crate::prelude::*;
 
 impl Model {
     /// Deviation of the tool at `pose` with exact rotations.

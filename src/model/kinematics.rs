@@ -8,14 +8,12 @@
 //!
 //! Source: equations 2 (general chain), 1.4 to 1.9 for the terms.
 
-use super::chain_notation::{ChainAxis, Side};
+use super::chain_notation::ChainAxis;
 use super::compiled_basis::{CompiledBasis, Lanes};
-use super::curve::{ErrorFunction, Grid};
-use super::dynamics::{AxisMotion, DYNAMIC_MAX, DynamicTerm, ToolErrors};
-use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, SENSORS_MAX, Sense};
-use super::symbol::{Component, ErrorSymbol};
-use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES, Travel};
-use crate::geometry::{Mat3, Vec3, rotation_about, unit};
+use super::curve::Grid;
+use super::dynamics::{AxisMotion, DYNAMIC_MAX};
+use super::spec::{ReferencePoint, SENSORS_MAX, Sense};
+use crate::prelude::*;
 
 /// Share of the shortest wave by which a position may be off without any fading (the weight would be above 0.995).
 const FREE_SPREAD: f64 = 1.0 / 64.0;

@@ -19,6 +19,7 @@ pub mod extremes;
 pub mod gauge;
 pub mod geometry;
 pub mod kinematics;
+mod prelude;
 pub mod random;
 pub mod search;
 pub mod spec;

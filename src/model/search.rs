@@ -4,11 +4,8 @@
 //! Deviations are sums of functions with many local maxima, so a largest value is found to the resolution of the
 //! line scans; what is reported is reached by the pose that is reported with it.
 
-use super::curve::Curve;
-use super::dynamics::{DynamicTerm, Law};
-use super::kinematics::Pose;
-use super::spec::ModelSpec;
-use crate::axes::{MAX_AXES, Travel};
+use super::dynamics::Law;
+use crate::prelude::*;
 
 /// Poses of the grid, about.
 const GRID_POSES: usize = 100_000;

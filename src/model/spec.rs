@@ -1,12 +1,10 @@
 //! What a model is made of, and the rules that a whole model must keep.
 
-use super::chain_notation::{Chain, Side};
-use super::curve::{Curve, ErrorFunction, Grid};
-use super::symbol::{Component, ErrorSymbol};
-use crate::axes::AxisName;
+use super::chain_notation::Chain;
+use super::curve::Grid;
 use crate::correction::ROTARY_CORRECTION_LIMIT;
-use crate::dynamics::{DYNAMIC_MAX, ToolErrors};
-use crate::geometry::Vec3;
+use crate::dynamics::DYNAMIC_MAX;
+use crate::prelude::*;
 
 /// In which sense the error motions of an axis are stored (equations 1.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,10 +1,7 @@
 //! The working volume of X, Y, Z as a wire grid with the deviation of the tool tip along its wires: for pictures.
 
-use crate::axes::{AxisKind, AxisName};
-use crate::geometry::Vec3;
-use crate::kinematics::Model;
+use crate::prelude::*;
 use crate::search::reference_pose;
-use crate::spec::ModelSpec;
 
 /// Wires per direction.
 const WIRES: usize = 5;

@@ -1,13 +1,10 @@
 //! What `volcomp gateway` tells other systems: `[mqtt]` and `[mtconnect]`.
 
-use core::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use crate::prelude::*;
 
 use super::http::read_listen;
 use super::is_this_computer;
 use super::tls::is_host;
-use crate::diagnostic::Diagnostic;
-use crate::reader::{Allowed, Section};
 
 /// The broker to which the status is published.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,12 +1,9 @@
 //! Where the page and the metrics are served: `[http]`.
 
-use core::net::SocketAddr;
-use std::path::PathBuf;
+use crate::prelude::*;
 
 use super::is_this_computer;
 use super::tls::is_host;
-use crate::diagnostic::Diagnostic;
-use crate::reader::Section;
 
 /// The HTTP service.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -12,16 +12,13 @@ pub use read::known_keys;
 pub use sensors::SensorsConfig;
 pub use tls::TlsConfig;
 
+use crate::prelude::*;
 use core::fmt;
-use core::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
 
-use super::diagnostic::ConfigErrors;
 use volcomp_engine::{AxisLimits, EngineConfig};
-use volcomp_model::{Chain, ModelSpec};
 use volcomp_protocol::{Axis, AxisUnit, ControlHello};
 use volcomp_units::NS_PER_S;
-use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp_units::axes::MAX_AXES;
 
 /// The `format` of a machine file.
 pub const FORMAT: &str = "volcomp-machine/1";

@@ -1,8 +1,6 @@
 //! Reading the machine file: keys, ranges, defaults.
 
-use core::net::SocketAddr;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use crate::prelude::*;
 
 use super::gateway::{read_mqtt, read_mtconnect};
 use super::http::read_http;
@@ -12,14 +10,13 @@ use super::{
     AxisConfig, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget, MachineConfig,
     NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
-use crate::diagnostic::{ConfigErrors, Diagnostic, figure};
-use crate::reader::{self, Allowed, Key, Placed, Reader, Section};
+use crate::diagnostic::figure;
+use crate::reader::{self, Key, Reader};
 use volcomp_engine::{
     AfterLoss, AxisLimits, EngineConfig, LAG_CYCLES_MAX, Lag, LimitTime, OutOfTravel, PositionSource,
     RestOffset,
 };
-use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{mm_from_um, rad_from_arcsec};
+use volcomp_units::axes::MAX_AXES;
 
 pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
     let text = reader::without_mark(text);

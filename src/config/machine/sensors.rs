@@ -1,15 +1,11 @@
 //! Sensors and maps: `[sensors]`, `[[sensor]]`, `[[map]]`.
 
-use core::net::SocketAddr;
+use crate::prelude::*;
 
 use super::is_this_computer;
 use super::read::within;
-use crate::diagnostic::Diagnostic;
-use crate::reader::{Allowed, Placed, Section};
 use volcomp_estimate::fivedof::Head;
 use volcomp_estimate::live::{LaserAlignment, LiveSpec, MapSpec, SensorKind, SensorSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Live estimation.
 #[derive(Debug, Clone, PartialEq, Default)]

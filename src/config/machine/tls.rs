@@ -1,12 +1,9 @@
 //! Whom the link trusts: `[link.tls]`, `plain-remote`, and the rule that nothing leaves this computer unprotected
 //! unless somebody says so.
 
-use core::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use crate::prelude::*;
 
 use super::is_this_computer;
-use crate::diagnostic::Diagnostic;
-use crate::reader::{Placed, Section};
 
 /// Mutual TLS on the link: files as written (relative to the machine file), all of them PEM.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,15 +1,12 @@
 //! `[axes.x]`: travel, points, sense.
 
+use super::keys::PositionKeys;
 use toml::de::DeValue;
 
-use super::keys::PositionKeys;
 use super::{point, remedy};
-use crate::diagnostic::Diagnostic;
-use crate::reader::{Allowed, Placed, Section};
+use crate::prelude::*;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, Chain, ModelError, ModelSpec, Sense};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::rad_from_arcsec;
+use volcomp_model::{AxisSpec, Sense};
 
 /// Largest correction of a rotary axis.
 pub(super) const CORRECTION_LIMIT: &str = "correction-limit-arcsec";

@@ -3,10 +3,9 @@
 use super::keys::{PositionKeys, ValueKeys};
 use super::number::shortest;
 use super::write::{heading, line_of, part_heading};
-use crate::reader::{Allowed, Section};
-use volcomp_model::{DynamicTerm, ErrorSymbol, Law, ModelSpec, ToolErrors};
-use volcomp_units::axes::AxisKind;
-use volcomp_units::{RAD_PER_DEG, arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
+use crate::prelude::*;
+use volcomp_model::{DynamicTerm, Law, ToolErrors};
+use volcomp_units::RAD_PER_DEG;
 
 /// The section of each law.
 const SECTIONS: [&str; 5] = ["reversal", "friction-peak", "friction", "velocity", "acceleration"];

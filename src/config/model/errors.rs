@@ -4,12 +4,9 @@ use core::ops::Range;
 
 use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::{Provenance, dynamics, provenance, remedy};
-use crate::diagnostic::Diagnostic;
-use crate::key_names::{suggestion, unit_of};
-use crate::reader::{Allowed, Placed, Section};
+use crate::prelude::*;
 use volcomp_model::curve::{Chebyshev, CurveError, Fourier, Grid, HalfRange, Interpolation, Live, Table};
-use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_model::{Component, Curve};
 
 /// Largest standard uncertainty taken for real, um or arcsec.
 const STD: Allowed = Allowed::Within { low: 0.0, high: 5000.0 };

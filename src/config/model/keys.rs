@@ -1,8 +1,7 @@
 //! Keys of the model file that carry a unit: which one applies, and the way to and from mm and rad.
 
-use volcomp_model::ErrorSymbol;
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+use crate::prelude::*;
+use volcomp_units::{deg_from_rad, rad_from_deg};
 
 /// Keys of positions along an axis.
 #[derive(Debug)]

@@ -13,20 +13,16 @@ mod thermal;
 mod write;
 
 use self::keys::{PositionKeys, grid_key};
+use crate::prelude::*;
 pub use dynamics::section_of;
 pub use provenance::{Measured, Provenance, SourceEntry};
 pub use write::{kind_of, write_file};
 
-use std::collections::BTreeMap;
-
-use super::diagnostic::{ConfigErrors, Diagnostic};
-use super::reader::{self, Allowed, Key, Placed, Reader, Section};
+use super::reader::{self, Key, Reader};
 use volcomp_estimate::Thermal;
 use volcomp_model::chain_notation::ChainError;
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{Chain, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
 use volcomp_protocol::Name;
-use volcomp_units::axes::AxisName;
 
 /// The `format` of a model file.
 pub const FORMAT: &str = "volcomp-model/1";

@@ -3,8 +3,7 @@
 use toml::de::DeValue;
 use toml::value::Datetime;
 
-use crate::diagnostic::Diagnostic;
-use crate::reader::{Allowed, Section};
+use crate::prelude::*;
 
 /// Where numbers come from; everything is optional.
 #[derive(Debug, Clone, PartialEq, Default)]

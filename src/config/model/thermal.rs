@@ -2,11 +2,8 @@
 
 use super::number::{plain, shortest};
 use super::write::{heading, line_of};
-use crate::diagnostic::Diagnostic;
-use crate::reader::{Allowed, Section};
+use crate::prelude::*;
 use volcomp_estimate::{Quantity, Thermal, ThermalInput};
-use volcomp_model::ModelSpec;
-use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Reference temperature of ISO 1, degC.
 const REFERENCE_DEGC: f64 = 20.0;

@@ -6,12 +6,11 @@ use super::axes::CORRECTION_LIMIT;
 use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::number::{plain, shortest};
 use super::{FORMAT, ModelFile, Provenance, dynamics, thermal};
+use crate::prelude::*;
 use volcomp_model::curve::{Grid, Interpolation};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, Sense};
-use volcomp_units::axes::AxisKind;
-use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
+use volcomp_model::{AxisSpec, Curve, Sense};
 
 /// Numbers of a list per line.
 const PER_LINE: usize = 10;

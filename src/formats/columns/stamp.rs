@@ -1,7 +1,6 @@
 //! Time stamps to ticks of 100 ns, so that differences are exact.
 
-use crate::error::FormatError;
-use crate::text::Word;
+use crate::prelude::*;
 
 /// How a stamp is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

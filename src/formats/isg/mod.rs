@@ -11,17 +11,14 @@
 //!
 //! Source: the vendors' manuals (ISG CSV format; units of measure; list of parameters supported).
 
-use std::collections::BTreeMap;
+use crate::prelude::*;
 use std::fmt::Write as _;
 
 use super::axis_table::possible;
-use super::error::{FormatError, FormatErrorKind};
-use super::sample::{ExportError, Limits, Motions, Sampling, Way, positions};
-use super::text::{Word, lines, rounded, words};
+use super::sample::{Way, positions};
+use volcomp_model::Chain;
 use volcomp_model::chain_notation::Side;
-use volcomp_model::curve::{Curve, Grid, Interpolation, Table};
-use volcomp_model::{Chain, Component, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::AxisName;
+use volcomp_model::curve::{Grid, Table};
 
 /// Whose motion the values of a workpiece-side axis are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

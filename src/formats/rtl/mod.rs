@@ -28,8 +28,7 @@ pub use write::write;
 
 use super::columns::date_time_ticks;
 use super::positioning_test::PositioningTest;
-use volcomp_identify::Reading;
-use volcomp_units::axes::{AxisKind, Travel};
+use crate::prelude::*;
 use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// A file, section by section.

@@ -1,13 +1,8 @@
 //! A laser test computed from a model.
 
 use super::{Deviation, Entry, Rtl, write};
-use crate::axis_table::positioning;
 use crate::motion_table::FREE;
-use crate::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_axis};
-use crate::text::rounded;
-use volcomp_model::{Component, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::um_from_mm;
+use crate::prelude::*;
 
 /// The positioning error of a linear axis as a test of one run in each direction; with the points that are in it.
 ///

@@ -3,8 +3,7 @@
 use std::collections::HashMap;
 
 use super::{Deviation, Entry, Note, Rtl};
-use crate::error::{FormatError, FormatErrorKind};
-use crate::text::{Word, lines, words};
+use crate::prelude::*;
 
 /// Most targets and runs taken for real.
 const TARGETS_MAX: usize = 100_000;

@@ -1,7 +1,6 @@
 //! Why a model cannot be written in a format.
 
-use volcomp_model::ErrorSymbol;
-use volcomp_units::axes::AxisName;
+use crate::prelude::*;
 
 /// Why a model cannot be written in a format.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -9,15 +9,12 @@ mod error;
 
 pub use error::ExportError;
 
-use std::collections::BTreeSet;
+use crate::prelude::*;
 
-use super::axis_table::positioning;
 use volcomp_model::chain_notation::Side;
-use volcomp_model::curve::{Curve, Interpolation};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, Component, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_model::{AxisSpec, Sense};
 
 /// Which values go into a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,10 +1,9 @@
 //! Squareness and location from several sources, each transferred to the lines of the result.
 
 use super::{AssembleError, Assembly, Candidate, Check, How, Origin, curves, result_error};
+use crate::prelude::*;
 use volcomp_model::gauge::normalise;
 use volcomp_model::statistics::normal_two_sided;
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, Travel};
 
 /// A constant as a source states it, transferred.
 struct Value {

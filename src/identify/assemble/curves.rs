@@ -1,11 +1,10 @@
 //! Curves in the other sense, scaled, and at another reference point: exact for every kind where the lever is constant.
 
-use core::f64::consts::TAU;
+use crate::prelude::*;
 
-use volcomp_model::curve::{Chebyshev, ErrorFunction, Fourier, Grid, HalfRange, Interpolation, Table};
+use volcomp_model::DynamicTerm;
+use volcomp_model::curve::{Chebyshev, ErrorFunction, Fourier, Grid, HalfRange};
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_model::{Component, Curve, DynamicTerm, ErrorSymbol};
-use volcomp_units::axes::{AxisName, Travel};
 
 /// Places of a product of curve and coordinate, which no kind of curve holds exactly.
 const PLACES: usize = 401;

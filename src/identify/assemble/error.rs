@@ -1,9 +1,8 @@
 //! Why sources do not make a model, with the numbers and what to do.
 
 use super::Check;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Chain, ErrorSymbol, ModelError};
-use volcomp_units::axes::AxisName;
+use crate::prelude::*;
+use volcomp_model::{Chain, ModelError};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Why sources do not make a model.

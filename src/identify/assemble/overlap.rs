@@ -1,10 +1,8 @@
 //! An error motion that several sources state: comparison where they overlap, and their mean.
 
 use super::{AssembleError, Assembly, Candidate, Check, How, Origin};
-use volcomp_model::curve::{ErrorFunction, Interpolation, Table};
-use volcomp_model::statistics::chi_square_upper;
-use volcomp_model::{Curve, ErrorSymbol};
-use volcomp_units::axes::{AxisKind, Travel};
+use crate::prelude::*;
+use volcomp_model::curve::ErrorFunction;
 
 /// Least places of a curve that is sampled.
 const PLACES_MIN: usize = 33;

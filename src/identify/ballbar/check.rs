@@ -1,9 +1,8 @@
 //! Circles and requests that cannot be analysed are refused.
 
-use core::f64::consts::TAU;
+use crate::prelude::*;
 
 use super::{BallbarError, Circles, Pitch, Request};
-use volcomp_model::geometry::largest_gap;
 
 /// Fewest readings.
 const READINGS_NEEDED: usize = 120;

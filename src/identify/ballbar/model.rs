@@ -3,12 +3,10 @@
 //! Values are those on the circles: where other axes carry angular errors, these are in them at the place of the
 //! circle, unless the prediction of a model that holds them was subtracted from the readings before. Scale needs the instrument's true length; without it the mean scale of a plane's two axes is taken for zero.
 
-use core::f64::consts::TAU;
+use crate::prelude::*;
 
 use super::{Analysis, Effect, End, Plane};
-use volcomp_model::curve::{CurveError, Interpolation, Table};
-use volcomp_model::{Component, Curve, ErrorSymbol};
-use volcomp_units::axes::AxisName;
+use volcomp_model::curve::CurveError;
 
 /// An error that the circles give.
 #[derive(Debug, Clone, PartialEq)]

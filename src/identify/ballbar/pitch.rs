@@ -1,13 +1,10 @@
 //! Search for the pitch of a cyclic error in what the other effects leave.
 
-use core::f64::consts::TAU;
-
-use nalgebra::DVector;
+use crate::prelude::*;
 
 use super::Circles;
 use super::columns::of_cyclic;
 use crate::golden::golden;
-use volcomp_model::geometry::largest_gap;
 
 /// Natural logarithm of the odds against a pitch in white noise: e^-7 is one in a thousand.
 const CERTAINTY: f64 = 7.0;

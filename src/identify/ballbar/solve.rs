@@ -1,8 +1,6 @@
 //! All effects at once: which columns the data can tell apart, least squares, contributions.
 
-use core::f64::consts::TAU;
-
-use nalgebra::{DMatrix, DVector};
+use crate::prelude::*;
 
 use super::check::check;
 use super::columns::{self, Column, What};
@@ -10,10 +8,6 @@ use super::{
     Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, LengthChange, Note, Pitch, Reason, Request,
     Value, pitch,
 };
-use crate::primitives::jacobi;
-use volcomp_model::geometry::largest_gap;
-use volcomp_model::statistics::f_upper;
-use volcomp_units::axes::Travel;
 
 /// Part of a column, of unit length, that must be left beside the others; below it the data cannot tell it from them.
 const LEFT_OVER: f64 = 0.03;

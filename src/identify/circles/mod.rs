@@ -8,11 +8,9 @@
 //! Assumptions: the spindle turns truly within the noise; noise is isotropic and equal for all points of a circle.
 //! Source: equations 5.4, 4.3.
 
-use nalgebra::{DMatrix, DVector};
+use crate::prelude::*;
 
-use super::primitives::{SpaceCircle, SpaceCircleError, jacobi, space_circle};
-use volcomp_model::geometry::{Mat3, Vec3};
-use volcomp_model::statistics::chi_square_upper;
+use super::primitives::{SpaceCircle, SpaceCircleError, space_circle};
 
 /// What is measured and known.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,12 +5,10 @@
 //! A fitted period counts as a parameter (derivative of the curve by the period). With a ridge or a smoothed
 //! table the band is that of the Bayesian reading (`sigma^2 H_ii`), which covers the penalised bias on average.
 
-use nalgebra::{DMatrix, DVector};
+use crate::prelude::*;
 
 use super::basis::Shape;
 use super::solve::Design;
-use volcomp_model::statistics::student_95;
-use volcomp_units::axes::Travel;
 
 /// Confidence band of a curve.
 #[derive(Debug, Clone, PartialEq)]

@@ -16,16 +16,12 @@
 //!
 //! Source: Searle, Casella and McCulloch 1992, 6.6 (REML), 7.4 (mixed model equations); Self and Liang 1987 (ratio at the bound).
 
+use crate::prelude::*;
 use core::ops::Range;
-use std::collections::BTreeMap;
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-
-use volcomp_model::statistics::{chi_square_upper, f_upper, student_95};
-use volcomp_units::axes::Travel;
+use nalgebra::{Cholesky, Dyn};
 
 use super::request::Drift;
-use crate::reading::{Reading, group_by_position};
 use crate::start_up::start_up_outliers;
 
 /// Probability below which a drift is no chance.

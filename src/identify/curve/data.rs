@@ -6,15 +6,11 @@
 //! Records of more than [`MANY`] readings are gathered in `MANY` equal bins of the range: positions inside a bin
 //! (4e-6 of the range) are replaced by their mean, which moves a wave of 64 periods by 1e-7 of its amplitude.
 
-use std::collections::BTreeMap;
-
-use nalgebra::{DMatrix, DVector};
+use crate::prelude::*;
 
 use super::cycle_drift::Effects;
 use super::error::FitError;
 use super::fitted::MeanReversal;
-use crate::reading::{Reading, group_by_position};
-use volcomp_units::axes::Travel;
 
 /// More readings than this are gathered in bins instead of being sorted.
 const MANY: usize = 1 << 18;

@@ -1,8 +1,7 @@
 //! What has come of a fit.
 
-use volcomp_model::Curve;
+use crate::prelude::*;
 use volcomp_model::curve::ErrorFunction;
-use volcomp_units::axes::Travel;
 
 use super::band::Band;
 use super::cycle_drift::CycleDrift;

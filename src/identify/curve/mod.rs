@@ -46,9 +46,8 @@ pub use request::{Basis, Drift, Period, Request, Reversal, Smoothing};
 pub use sampling::{COMMON_PITCHES, Hidden, few_positions, hidden};
 pub use select::highest_order;
 
-use volcomp_units::axes::Travel;
+use crate::prelude::*;
 
-use super::reading::Reading;
 use cycle_drift::Effects;
 use data::Data;
 

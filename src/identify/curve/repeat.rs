@@ -6,9 +6,8 @@
 
 use core::iter;
 
-use volcomp_model::Curve;
-use volcomp_model::curve::{CurveError, Fourier, Interpolation, Table};
-use volcomp_units::axes::Travel;
+use crate::prelude::*;
+use volcomp_model::curve::{CurveError, Fourier};
 
 /// Relative tolerance of a turn and of the number of periods in it.
 const SAME: f64 = 1e-9;

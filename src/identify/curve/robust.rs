@@ -7,7 +7,7 @@
 //!
 //! Source: Huber and Ronchetti 2009 (M-estimates); Rousseeuw and Leroy 1987 (reweighted least squares).
 
-use nalgebra::{DMatrix, DVector};
+use crate::prelude::*;
 
 use super::basis::Shape;
 use super::data::Data;
@@ -15,8 +15,6 @@ use super::error::FitError;
 use super::fitted::{CurveFit, Outlier};
 use super::request::{Basis, Request};
 use super::solve::dot;
-use crate::reading::{Reading, group_by_position};
-use volcomp_units::axes::Travel;
 
 /// A reading farther from the curve than this many standard deviations is an outlier: one of 16 000 honest ones.
 const LIMIT: f64 = 4.0;

@@ -11,10 +11,9 @@ use super::request::{Basis, Period, Request, Reversal};
 use super::sampling::COMMON_PITCHES;
 use super::solve::{Design, Factor};
 use super::{periods, support};
+use crate::prelude::*;
 use volcomp_estimate::SpectralWindow;
-use volcomp_model::Curve;
-use volcomp_model::curve::{Chebyshev, Interpolation, MAX_TERMS, Table};
-use volcomp_units::axes::Travel;
+use volcomp_model::curve::{Chebyshev, MAX_TERMS};
 
 /// A richer family must lower AICc by more than this.
 const AICC_STEP: f64 = 4.0;

@@ -7,9 +7,7 @@ use super::figures::{Figures, Sums};
 use super::fitted::CurveFit;
 use super::request::{Basis, Smoothing};
 use super::smooth::{Sequence, Smoothed, smooth};
-use volcomp_model::Curve;
-use volcomp_model::curve::{Interpolation, Table};
-use volcomp_units::axes::Travel;
+use crate::prelude::*;
 
 /// Steps per decade and decades of the search for the strength of smoothing.
 const SEARCH: (i32, i32) = (4, 16);

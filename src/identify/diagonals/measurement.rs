@@ -5,10 +5,9 @@
 
 use super::runs::EndToEnd;
 use super::{AXES, DiagonalsError, SQUARENESS, Setup, Squareness};
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper, student_95};
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+use crate::prelude::*;
+use volcomp_model::statistics::SIGNIFICANT;
 use volcomp_units::arcsec_from_rad;
-use volcomp_units::axes::Travel;
 
 /// Degrees of freedom that uncertain curves have among the steps: one for each axis.
 const CURVES_DOF: f64 = 3.0;

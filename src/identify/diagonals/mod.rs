@@ -20,10 +20,8 @@ pub mod runs;
 
 use nalgebra::{Matrix3, Matrix4, Vector4};
 
-use volcomp_model::curve::{Interpolation, Table};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp_units::axes::{AxisName, Travel};
+use crate::prelude::*;
+use volcomp_model::Chain;
 
 /// The three linear axes that span the box.
 pub const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];

@@ -8,9 +8,7 @@
 //! Source: equations 5.3 d.
 
 use super::NAMES;
-use crate::Reading;
-use crate::reading::group_by_position;
-use volcomp_units::axes::Travel;
+use crate::prelude::*;
 
 /// One reading along a diagonal.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,13 +3,10 @@
 //!
 //! Source: paper 002, 3.1 (standard deviations of the five errors over runs); equations 4.2, (4).
 
-use std::collections::BTreeMap;
+use crate::prelude::*;
 
 use super::align::{Level, align};
 use super::{FiveDof, Head, Readings, to_machine};
-use crate::Reading;
-use volcomp_model::Component;
-use volcomp_units::axes::{AxisName, Travel};
 
 /// Standard deviations of the error motions over the repeats.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,14 +3,13 @@
 //! The deviation is linear in the errors, so the column of an error motion is the deviation of a model in which it is
 //! the only error, divided by its size.
 
-use nalgebra::{DMatrix, Matrix3xX, Vector3};
+use crate::prelude::*;
+use nalgebra::{Matrix3xX, Vector3};
 
 use super::{Found, Row};
-use volcomp_model::geometry::{Vec3, rotation_about, unit};
-use volcomp_model::{
-    Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelError, ModelSpec, Pose, Sense,
-};
-use volcomp_units::axes::{AxisArray, AxisKind, AxisName};
+use volcomp_model::geometry::rotation_about;
+use volcomp_model::{ModelError, Pose, Sense};
+use volcomp_units::axes::AxisArray;
 
 /// Size of the only error, within the limits of a model: mm or rad.
 const UNIT: f64 = 1e-3;

@@ -28,15 +28,13 @@ mod step;
 
 pub use plan::{Planned, plan};
 
-use nalgebra::DMatrix;
+use crate::prelude::*;
 
-use volcomp_model::curve::{CurveError, Interpolation, Table};
-use volcomp_model::geometry::Vec3;
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
-use volcomp_units::axes::{AxisArray, AxisKind, AxisName, Travel};
+use volcomp_model::ModelError;
+use volcomp_model::curve::CurveError;
+use volcomp_units::axes::AxisArray;
 
 use crate::curve::{self, CurveFit, FitError};
-use crate::reading::Reading;
 
 /// A measured point. Lengths mm, angles rad; axes in chain order.
 #[derive(Debug, Clone, Copy, PartialEq)]

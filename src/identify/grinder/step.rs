@@ -1,17 +1,14 @@
 //! One step: least squares of the motions of one axis, with what the steps before left uncertain.
 
-use nalgebra::{DMatrix, DVector};
+use crate::prelude::*;
 
 use super::effects::{self, Effects};
 use super::{
     Chain, Consistency, Found, GrinderError, Measured, Motion, Request, Row, SetUp, Shares, Smoothed, Worst,
     write_into,
 };
-use crate::primitives::jacobi;
-use volcomp_model::geometry::Vec3;
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper, f_upper};
-use volcomp_model::{ErrorSymbol, Model, ModelSpec, Pose};
-use volcomp_units::axes::AxisName;
+use volcomp_model::Pose;
+use volcomp_model::statistics::SIGNIFICANT;
 
 /// Condition number above which the motions of a position are refused (equations 5.1).
 const CONDITION_LIMIT: f64 = 1e3;

@@ -2,8 +2,7 @@
 //!
 //! Source: equations 5.4.
 
-use super::jacobi;
-use volcomp_model::geometry::Vec3;
+use crate::prelude::*;
 
 /// A plane `normal . x = distance`.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,11 +5,9 @@
 //!
 //! Source: equations 5.1 (exact alternative); registration of a tracker to the machine: equations 4.0.
 
-use nalgebra::{Matrix6, Vector6};
+use crate::prelude::*;
 
-use super::jacobi;
 use super::twist::{self, Deficient, Sighting, cross_matrix};
-use volcomp_model::geometry::{Mat3, Vec3};
 use volcomp_model::statistics::ChiSquare;
 
 /// A rigid motion `x -> rotation x + translation` found from points.

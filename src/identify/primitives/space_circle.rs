@@ -2,11 +2,10 @@
 //!
 //! Source: equations 5.4.
 
-use core::f64::consts::TAU;
+use crate::prelude::*;
 
 use super::ball::{Ball, BallError, circle_2d};
 use super::plane::{Plane, PlaneError, plane};
-use volcomp_model::geometry::{Mat3, Vec3, largest_gap};
 
 /// A circle in space. Lengths in mm.
 #[derive(Debug, Clone, PartialEq)]

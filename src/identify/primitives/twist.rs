@@ -7,10 +7,7 @@
 //! Assumptions: first order in `eps` (100 urad at 0.5 m leave 3 nm), noise normal with the stated covariance.
 //! Source: equations 5.1, 5.5, 5.7.
 
-use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
-
-use super::jacobi;
-use volcomp_model::geometry::{Mat3, Vec3};
+use crate::prelude::*;
 
 /// One equation, whitened: its noise has unit variance.
 #[derive(Debug, Clone, Copy, PartialEq)]

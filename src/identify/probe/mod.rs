@@ -11,13 +11,11 @@
 //!
 //! Source: equations 4.1 ((4) to (9), the arc), 5.4.
 
-use core::f64::consts::TAU;
+use crate::prelude::*;
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-use super::primitives::{BallError, Circle2, circle_2d, jacobi};
-use volcomp_model::geometry::largest_gap;
-use volcomp_model::statistics::{chi_square_upper, student_95};
+use super::primitives::{BallError, Circle2, circle_2d};
 
 /// The arm and the bar. Lengths mm, angles rad.
 #[derive(Debug, Clone, Copy, PartialEq)]

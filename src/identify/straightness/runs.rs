@@ -6,11 +6,9 @@
 //! Source: analysis of variance.
 
 use super::{Line, Rule};
-use crate::Reading;
-use crate::reading::{group_by_position, repeatability};
-use volcomp_model::statistics::f_upper;
-use volcomp_model::{Component, Sense};
-use volcomp_units::axes::{AxisName, Travel};
+use crate::prelude::*;
+use crate::reading::repeatability;
+use volcomp_model::Sense;
 
 /// Probability of a scatter like the reversal below which both directions are kept.
 const SIGNIFICANCE: f64 = 0.01;

@@ -13,10 +13,7 @@
 //!
 //! Source: equations 4.4 (table 2), 8 (decision 11).
 
-use nalgebra::{DMatrix, DVector};
-
-use volcomp_model::Component;
-use volcomp_units::axes::AxisName;
+use crate::prelude::*;
 
 /// A channel of the instrument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,12 +2,11 @@
 //!
 //! Source: equations 5.1.
 
-use nalgebra::DMatrix;
+use crate::prelude::*;
 
 use super::ThreePointError;
-use crate::primitives::{jacobi, plane};
+use crate::primitives::plane;
 use crate::twist;
-use volcomp_model::geometry::{Vec3, unit};
 
 /// Rank, conditioning and shape of a set of points.
 #[derive(Debug, Clone, PartialEq)]

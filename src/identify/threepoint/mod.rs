@@ -16,7 +16,7 @@ mod rigidity;
 mod series;
 mod tracker;
 
-use nalgebra::{Matrix6, Vector6};
+use crate::prelude::*;
 
 pub use geometry::{CONDITION_LIMIT, Geometry, geometry};
 pub use plan::{POINTS_MAX, Plan, PlanError, PlanRequest, PlanRow, plan};
@@ -26,8 +26,6 @@ pub use tracker::{Observation, TrackerNoise};
 
 use super::primitives::{procrustes, rigid};
 use super::twist::{self, Sighting};
-use volcomp_model::geometry::{Mat3, Vec3};
-use volcomp_model::statistics::chi_square_upper;
 
 /// One point seen once.
 #[derive(Debug, Clone, Copy, PartialEq)]

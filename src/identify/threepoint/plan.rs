@@ -5,10 +5,9 @@
 //! refraction) does not and bounds what can be reached.
 
 use super::{Geometry, Observation, ThreePointError, TrackerNoise, geometry};
+use crate::prelude::*;
 use crate::twist::{self, Sighting};
-use volcomp_model::geometry::{Mat3, Vec3, unit};
 use volcomp_model::statistics::normal_two_sided;
-use volcomp_units::axes::AxisName;
 
 /// Candidates above this number are refused.
 pub const POINTS_MAX: usize = 40;

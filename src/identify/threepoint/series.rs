@@ -4,9 +4,8 @@
 
 use super::{PoseErrors, Seen, ThreePointError, solve as solve_pose, suspect};
 use crate::motion::MotionRow;
-use volcomp_model::geometry::{Vec3, unit};
-use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
-use volcomp_units::axes::{AxisName, Travel};
+use crate::prelude::*;
+use volcomp_model::statistics::SIGNIFICANT;
 
 /// The points seen once at one position.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,12 +9,9 @@
 
 use super::curves::{each, samples};
 use super::{Change, Pair, changes};
-use crate::axes::AxisKind;
-use crate::chain_notation::Side;
-use crate::geometry::Vec3;
 use crate::kinematics::Joint;
+use crate::prelude::*;
 use crate::search::Volume;
-use crate::spec::ReferenceBody;
 
 /// What sampling may miss of a smooth curve.
 const SAMPLING_MARGIN: f64 = 1.01;

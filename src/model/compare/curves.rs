@@ -1,12 +1,8 @@
 //! Error by error: what each curve says in one model and in the other.
 
 use super::Pair;
-use crate::axes::{AxisKind, AxisName, MAX_AXES, Travel};
-use crate::curve::{Curve, ErrorFunction};
-use crate::kinematics::Model;
-use crate::kinematics::{PointFlags, Pose};
-use crate::spec::ModelSpec;
-use crate::symbol::ErrorSymbol;
+use crate::kinematics::PointFlags;
+use crate::prelude::*;
 
 /// Places of even sampling along an axis; support points of tables are added to them.
 const SAMPLES: u32 = 800;

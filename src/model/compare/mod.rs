@@ -16,13 +16,8 @@ pub use curves::{ErrorDifference, relative_values};
 pub use volume::{Difference, VolumeDifference};
 
 use super::chain_notation::Chain;
-use super::kinematics::Model;
-use super::spec::{ModelError, ModelSpec, ReferencePoint, Sense};
-use super::symbol::{Component, ErrorSymbol};
-use crate::axes::AxisName;
-use crate::curve::ErrorFunction;
-use crate::dynamics::{DynamicTerm, ToolErrors};
-use crate::geometry::Vec3;
+use super::spec::{ReferencePoint, Sense};
+use crate::prelude::*;
 
 /// What is different between two models.
 #[derive(Debug, Clone, PartialEq)]

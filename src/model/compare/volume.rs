@@ -3,9 +3,7 @@
 use nalgebra::{Matrix6, Vector6};
 
 use super::{Pair, bound};
-use crate::axes::{AxisArray, MAX_AXES};
-use crate::geometry::Vec3;
-use crate::kinematics::Pose;
+use crate::prelude::*;
 use crate::search::{Volume, reference_pose};
 
 /// Poses from which the best rigid motion is found.

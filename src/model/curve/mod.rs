@@ -13,8 +13,7 @@ pub use harmonic::{Fourier, HalfRange};
 pub use polynomial::Chebyshev;
 pub use table::{Interpolation, Table};
 
-use crate::axes::{AxisName, Travel};
-use crate::dynamics::DynamicTerm;
+use crate::prelude::*;
 
 /// Why a curve cannot be built.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

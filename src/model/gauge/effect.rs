@@ -17,13 +17,9 @@
 
 use core::ops::Range;
 
-use super::super::chain_notation::Side;
-use super::super::kinematics::{Joint, Model, PointFlags, Pose};
-use super::super::spec::{ModelSpec, ReferenceBody};
-use super::super::symbol::{Component, ErrorSymbol};
+use super::super::kinematics::{Joint, PointFlags};
 use super::{Effect, is_main};
-use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use crate::geometry::{Vec3, unit};
+use crate::prelude::*;
 
 /// The model with what the rules refer to.
 pub(super) struct Layout<'a> {

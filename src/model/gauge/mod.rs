@@ -20,12 +20,7 @@ mod line;
 
 use self::effect::Layout;
 use self::line::{Line, add_constant, subtract, tidy};
-use super::curve::ErrorFunction;
-use super::kinematics::Model;
-use super::spec::{ModelError, ModelSpec};
-use super::symbol::{Component, ErrorSymbol};
-use crate::axes::{AxisKind, AxisName};
-use crate::geometry::Vec3;
+use crate::prelude::*;
 
 /// Below this a length is taken for zero, mm.
 const LENGTH_ZERO: f64 = 1e-12;
