@@ -91,7 +91,7 @@ pub use health::Health;
 pub use http::{Token, TokenError, Verification, http_token};
 pub use latency::{Bins, Histograms};
 pub use link_session::{LinkSession, Reaction};
-pub use load::{LoadError, Loaded, load, load_config, with_additions};
+pub use load::{LoadError, Loaded, load, with_additions};
 pub use logging::LogError;
 pub use realtime::last_processor;
 pub use recent::{CodeCount, EventStatus, RecentStatus};

@@ -336,12 +336,6 @@ impl LinkSession {
         self.output.as_ref()
     }
 
-    /// The offset that was sent last on this link, mm or deg.
-    #[must_use]
-    pub fn sent(&self) -> Option<AxisArray> {
-        self.output.as_ref().map(|output| self.engine.message(output).offset)
-    }
-
     /// The present state of the engine.
     #[must_use]
     pub const fn state(&self) -> State {

@@ -39,7 +39,7 @@ fn lines(seed: u64, error: &dyn Fn(usize, f64, f64) -> ([f64; 3], [f64; 3])) -> 
                     let at = LENGTH_MM * f64::from(target) / 16.0;
                     let position: [f64; 3] = core::array::from_fn(|k| if k == axis { at } else { 0.0 });
                     let (displacement, turn) = error(axis, sense, at);
-                    for channel in 0..6 {
+                    for (channel, offset) in offsets.into_iter().enumerate() {
                         let k = channel % 3;
                         // axis = lever x u
                         let (u, lever) = if channel < 3 {
@@ -51,7 +51,7 @@ fn lines(seed: u64, error: &dyn Fn(usize, f64, f64) -> ([f64; 3], [f64; 3])) -> 
                             None => displacement[k] + slopes[k] * at,
                             Some(_) => LEVER_MM * 1e3 * (turn[k] / 3600.0).to_radians(),
                         };
-                        let deviation = seen + offsets[channel] + NOISE_UM * noise();
+                        let deviation = seen + offset + NOISE_UM * noise();
                         let lever = lever
                             .map_or(",,".to_owned(), |l| l.map(|v| (LEVER_MM * v).to_string()).join(","));
                         let [p, u] = [position, u].map(|v| v.map(|v| v.to_string()).join(","));
@@ -76,9 +76,8 @@ fn the_mounting_of_a_laser_of_six_channels_is_no_error_of_the_machine() {
     for seed in 1..=2 {
         let report = lines(seed, &|_, _, _| ([0.0; 3], [0.0; 3]));
         assert_eq!((declared(&report), &report["verdict"]), (vec![], &Value::from("no-gap")), "seed {seed}");
-        let backlash = |axis: usize, sense: f64, _: f64| {
-            ([if axis == 0 { -1.0 * sense } else { 0.0 }, 0.0, 0.0], [0.0; 3])
-        };
+        let backlash =
+            |axis: usize, sense: f64, _: f64| ([if axis == 0 { -sense } else { 0.0 }, 0.0, 0.0], [0.0; 3]);
         let report = lines(10 + seed, &backlash);
         assert_eq!(declared(&report), ["backlash:x"], "seed {seed}");
         assert!((parameter(&report, "backlash", "x", "width_um") - 2.0).abs() < 0.2, "seed {seed}");

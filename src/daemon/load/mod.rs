@@ -183,14 +183,6 @@ impl LoadError {
     }
 }
 
-/// Reads the machine file only.
-///
-/// # Errors
-/// See [`LoadError`].
-pub fn load_config(path: &Path) -> Result<MachineConfig, LoadError> {
-    read_config(path).map(|(config, _)| config)
-}
-
 /// The machine file and its text.
 fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
     let bytes = read_bounded(path, MACHINE_BYTES_MAX)

@@ -58,7 +58,7 @@ fn line(rows: &[&Moment]) -> Option<Axis> {
     let axis = Axis::ALL.into_iter().find(|a| a.is_linear() && a.slot() == axis)?;
     let is_fixed = |m: &&Moment| {
         let along = m.u[axis.direction()].abs();
-        m.is_angular() || along > NEARLY || along < 1.0 - NEARLY
+        m.is_angular() || !(1.0 - NEARLY..=NEARLY).contains(&along)
     };
     rows.iter().all(is_fixed).then_some(axis)
 }
