@@ -4,6 +4,7 @@ mod agreement;
 mod data_partition;
 mod discrepancy;
 mod figures;
+mod joint;
 mod low_rank;
 mod pitch_search;
 mod pivot;

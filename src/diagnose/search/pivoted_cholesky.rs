@@ -76,6 +76,23 @@ impl Factor {
         }
     }
 
+    /// True for each independent column.
+    pub(super) fn kept(&self) -> &[bool] {
+        &self.kept
+    }
+
+    /// `L'^-1 A` in place, `A` row by row, zero where a column was left out.
+    pub(super) fn backward_rows(&self, a: &mut [f64], width: usize) {
+        for i in (0..self.n).rev().filter(|i| self.kept[*i]) {
+            let (before, after) = a.split_at_mut((i + 1) * width);
+            let row = &mut before[i * width..];
+            let factors: Vec<f64> = (i + 1..self.n).map(|k| -self.l[k * self.n + i]).collect();
+            add_multiples(row, after, &factors);
+            let root = self.l[i * self.n + i];
+            row.iter_mut().for_each(|v| *v /= root);
+        }
+    }
+
     /// `L'^-1 b`.
     fn backward(&self, b: &[f64]) -> Vec<f64> {
         let n = self.n;

@@ -200,7 +200,7 @@ impl Problem {
     }
 
     /// The columns of a variant.
-    fn columns(&self, variant: usize) -> Range<usize> {
+    pub(super) fn columns(&self, variant: usize) -> Range<usize> {
         let (at, k) = self.span[variant];
         at..at + k
     }
@@ -374,22 +374,26 @@ impl Problem {
     #[must_use]
     pub fn gain(&self, given: &Given, variant: usize) -> (f64, usize) {
         let (at, k) = self.span[variant];
-        let g = self.conditional(given, variant);
-        let full: Vec<f64> = (at..at + k).map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
-        let factor = Factor::new(k, &g, &full);
         let first = at - given.among.start;
-        (factor.gain(&given.b[first..first + k]), factor.rank())
+        self.gain_in(variant, &self.conditional(given, variant), &given.b[first..first + k])
+    }
+
+    /// The same from the products of its columns with each other and with the gap, beside what is in.
+    pub(super) fn gain_in(&self, variant: usize, g: &[f64], b: &[f64]) -> (f64, usize) {
+        let full: Vec<f64> =
+            self.columns(variant).map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
+        let factor = Factor::new(full.len(), g, &full);
+        (factor.gain(b), factor.rank())
     }
 
     /// Drop of the sum of squares of any signal by a variant alone; `products` are those of all columns with the signal.
     #[must_use]
     pub fn gain_of(&self, variant: usize, products: &[f64]) -> f64 {
-        let (at, k) = self.span[variant];
-        let full: Vec<f64> = (at..at + k).map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
-        Factor::new(k, &self.own[variant], &full).gain(&products[at..at + k])
+        self.gain_in(variant, &self.own[variant], &products[self.columns(variant)]).0
     }
 
-    fn conditional(&self, given: &Given, variant: usize) -> Vec<f64> {
+    /// Products of the columns of a variant with each other beside what is given, row by row.
+    pub(super) fn conditional(&self, given: &Given, variant: usize) -> Vec<f64> {
         let (at, k) = self.span[variant];
         let mut g = self.own[variant].clone();
         let first = at - given.among.start;
@@ -453,6 +457,18 @@ pub struct Given {
 }
 
 impl Given {
+    /// Products of the gap with the columns that it tells of, beside what is in.
+    pub(super) fn left(&self) -> &[f64] {
+        &self.b
+    }
+
+    /// Coefficients of the columns that it tells of on each column that is in, row by row; zero on those that depend on others.
+    pub(super) fn coefficients(&self) -> Vec<f64> {
+        let mut rows = self.a.clone();
+        self.factor.backward_rows(&mut rows, self.among.len());
+        rows
+    }
+
     /// Covariance of the parameters in the whitened scale, row by row.
     #[must_use]
     pub fn covariance(&self, problem: &Problem) -> Vec<f64> {

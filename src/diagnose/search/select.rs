@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 use super::super::constants::{LITTLE, MOST, NEARLY, SURE};
 use super::super::library::{Library, Shape, forms};
 use super::super::noise::Random;
+use super::joint::{Joint, Rest};
 use super::problem::{Given, Problem};
 
 /// Price of a parameter beside its g-prior.
@@ -119,12 +120,17 @@ impl Selection {
     /// The best variant of every label beside what is given, best first; labels of `not` are left out.
     #[must_use]
     pub fn ranking(&self, problem: &Problem, library: &Library, given: &Given, not: &[usize]) -> Vec<Found> {
+        self.ranked(library, &|v| problem.gain(given, v), not)
+    }
+
+    /// The same with what each variant brings: drop of the sum of squares, and the number of its independent columns.
+    fn ranked(&self, library: &Library, gain: &dyn Fn(usize) -> (f64, usize), not: &[usize]) -> Vec<Found> {
         let mut best: Vec<Option<Found>> = vec![None; library.labels.len()];
         for (v, variant) in library.variants.iter().enumerate() {
             if not.contains(&variant.label) || variant.shape.has_slope() || self.banned.contains(&v) {
                 continue;
             }
-            let found = self.found(problem, library, given, v);
+            let found = self.brings(library, v, gain(v));
             if best[variant.label].is_none_or(|b| found.evidence > b.evidence) {
                 best[variant.label] = Some(found);
             }
@@ -262,20 +268,21 @@ impl Selection {
     /// Swaps every effect against all others until nothing changes.
     pub fn swap(&mut self, problem: &mut Problem, library: &Library) {
         for _ in 0..4 {
-            let mut changed = false;
-            for place in 0..self.chosen.len() {
-                let others = self.without(&[place]);
-                let given = Self::given(problem, &others);
-                let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
-                let own = self.chosen[place];
-                let now = self.found(problem, library, &given, own).evidence;
-                if let Some(best) = self.ranking(problem, library, &given, &labels).first()
-                    && best.evidence > now + SWAP_GAIN
-                    && best.variant != own
-                {
-                    self.chosen[place] = best.variant;
-                    changed = true;
-                }
+            let (mut changed, mut first) = (false, 0);
+            loop {
+                problem.prepare(&self.chosen);
+                let joint = Joint::new(problem, &self.chosen);
+                let better = |place: usize| {
+                    let (others, own) = (self.without(&[place]), self.chosen[place]);
+                    let rest = Rest::new(&joint, &others, &[own]);
+                    let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+                    let now = self.brings(library, own, rest.gain(own)).evidence;
+                    let best = self.ranked(library, &|v| rest.gain(v), &labels).first().copied()?;
+                    (best.evidence > now + SWAP_GAIN && best.variant != own).then_some((place, best.variant))
+                };
+                let Some((place, variant)) = (first..self.chosen.len()).find_map(better) else { break };
+                self.chosen[place] = variant;
+                (changed, first) = (true, place + 1);
             }
             if !changed {
                 break;
@@ -286,16 +293,19 @@ impl Selection {
     /// One effect in the place of two, where it explains as much.
     pub fn merge(&mut self, problem: &mut Problem, library: &Library) {
         let n = self.chosen.len();
+        problem.prepare(&self.chosen);
+        let joint = Joint::new(problem, &self.chosen);
         for a in 0..n {
             for b in a + 1..n {
                 let others = self.without(&[a, b]);
-                let given = Self::given(problem, &others);
                 let (first, second) = (self.chosen[a], self.chosen[b]);
-                let with_first: Vec<usize> = others.iter().copied().chain([first]).collect();
-                let now = self.found(problem, library, &given, first).evidence
-                    + self.found_beside(problem, library, &with_first, second).evidence;
+                let rest = Rest::new(&joint, &others, &[first, second]);
+                let with_first = || problem.gain_beside(&[&others[..], &[first]].concat(), second);
+                let last = joint.without(&[second]).map_or_else(with_first, |rest| rest.gain_of_these());
+                let now = self.brings(library, first, rest.gain(first)).evidence
+                    + self.brings(library, second, last).evidence;
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
-                if let Some(best) = self.ranking(problem, library, &given, &labels).first()
+                if let Some(best) = self.ranked(library, &|v| rest.gain(v), &labels).first()
                     && (best.evidence > now
                         || best.evidence > NEARLY * now && self.cancel(problem, [first, second]))
                 {
@@ -309,9 +319,8 @@ impl Selection {
     }
 
     /// True where each of two chosen effects takes back what the other says.
-    fn cancel(&self, problem: &mut Problem, pair: [usize; 2]) -> bool {
-        let all = Self::given(problem, &self.chosen);
-        problem.cosine(&all, pair) < -NEARLY
+    fn cancel(&self, problem: &Problem, pair: [usize; 2]) -> bool {
+        problem.cosine(&problem.given(&self.chosen), pair) < -NEARLY
     }
 
     /// Leaves one name to what is one thing with two: a table of positions and a worn place of the same axis, lost motion and
