@@ -47,8 +47,12 @@ impl Channel {
     }
 }
 
-/// The only axis that moves, a linear one, where every displacement is read along or across it.
+/// The only axis that moves, a linear one, where a beam is the reference and every displacement is read along or across it.
 fn line(rows: &[&Moment]) -> Option<Axis> {
+    // other instruments state their directions in the machine's
+    if !rows.iter().any(|m| m.is_angular() || m.light.is_some()) {
+        return None;
+    }
     let span = |k: usize| {
         let positions = || rows.iter().map(|m| m.position[k]);
         positions().fold(f64::NEG_INFINITY, f64::max) - positions().fold(f64::INFINITY, f64::min)
@@ -99,12 +103,13 @@ pub(super) fn divide(
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::moment::Light;
     use super::*;
     use volcomp_model::geometry::Vec3;
 
-    /// A reading at a position along X, of a displacement along `u` or, with a lever, of an angle.
+    /// A reading of a laser at a position along X, of a displacement along `u` or, with a lever, of an angle.
     fn reading(x_mm: f64, u: [f64; 3], lever: Option<[f64; 3]>) -> Moment {
-        let mut m = Moment { u: Vec3::from(u), ..Moment::default() };
+        let mut m = Moment { u: Vec3::from(u), light: Light::of("laser"), ..Moment::default() };
         m.position[Axis::X.slot()] = x_mm;
         m.lever_mm = Vec3::from(lever.unwrap_or([f64::NAN; 3]));
         m
