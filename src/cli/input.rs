@@ -26,7 +26,7 @@ const KIB: u64 = 1 << 10;
 const MIB: u64 = 1 << 20;
 const GIB: u64 = 1 << 30;
 
-/// Kind of an input, which has a largest size.
+/// Kind of an input, which has a largest size. An argument of no command: the derive lists all kinds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum InputKind {
     /// A machine file of the daemon.

@@ -20,6 +20,7 @@ pub mod disk;
 pub mod models;
 pub mod utc;
 
+// the file included names this crate as others do
 #[cfg(test)]
 extern crate self as volcomp_state;
 #[cfg(test)]

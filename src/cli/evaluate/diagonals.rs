@@ -47,15 +47,16 @@ fn read(path: &Path) -> Result<Evaluated> {
     }
     let mut ends: BTreeMap<Diagonal, String> = BTreeMap::new();
     let readings = table.some_rows(|table| {
-        let word = table.word(name).to_ascii_lowercase();
+        let word = table.word(name);
         let Some(diagonal) = Diagonal::parse(&word) else {
             let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
-        let first = ends.entry(diagonal).or_insert_with(|| word.clone());
-        if *first != word {
+        let end = word.to_ascii_lowercase();
+        let first = ends.entry(diagonal).or_insert_with(|| end.clone());
+        if *first != end {
             let what = format_args!(
-                "'{word}' is the diagonal '{first}' of the rows before from its other end; count targets, signs and \
+                "'{end}' is the diagonal '{first}' of the rows before from its other end; count targets, signs and \
                  directions from one end"
             );
             return Err(table.fail(name, what));

@@ -116,6 +116,10 @@ pub struct Found {
     pub evidence: f64,
 }
 
+fn labels(library: &Library, variants: &[usize]) -> Vec<usize> {
+    variants.iter().map(|v| library.variants[*v].label).collect()
+}
+
 impl Selection {
     /// The best variant of every label beside what is given, best first; labels of `not` are left out.
     #[must_use]
@@ -184,10 +188,6 @@ impl Selection {
         self.backward(problem, library);
     }
 
-    fn labels(&self, library: &Library) -> Vec<usize> {
-        self.chosen.iter().map(|v| library.variants[*v].label).collect()
-    }
-
     /// Everything chosen but some places.
     #[must_use]
     pub fn without(&self, places: &[usize]) -> Vec<usize> {
@@ -208,7 +208,7 @@ impl Selection {
                 break;
             }
             let given = Self::given(problem, &self.chosen);
-            let labels = self.labels(library);
+            let labels = labels(library, &self.chosen);
             let ranking = self.ranking(problem, library, &given, &labels);
             let next = ranking
                 .iter()
@@ -269,13 +269,13 @@ impl Selection {
     pub fn swap(&mut self, problem: &mut Problem, library: &Library) {
         for _ in 0..4 {
             let (mut changed, mut first) = (false, 0);
-            loop {
+            while first < self.chosen.len() {
                 problem.prepare(&self.chosen);
                 let joint = Joint::new(problem, &self.chosen);
                 let better = |place: usize| {
                     let (others, own) = (self.without(&[place]), self.chosen[place]);
                     let rest = Rest::new(&joint, &others, &[own]);
-                    let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+                    let labels = labels(library, &others);
                     let now = self.brings(library, own, rest.gain(own)).evidence;
                     let best = self.ranked(library, &|v| rest.gain(v), &labels).first().copied()?;
                     (best.evidence > now + SWAP_GAIN && best.variant != own).then_some((place, best.variant))
@@ -293,18 +293,24 @@ impl Selection {
     /// One effect in the place of two, where it explains as much.
     pub fn merge(&mut self, problem: &mut Problem, library: &Library) {
         let n = self.chosen.len();
+        if n < 2 {
+            return;
+        }
         problem.prepare(&self.chosen);
         let joint = Joint::new(problem, &self.chosen);
+        let beside_all = |v: &usize| {
+            let others = || self.chosen.iter().copied().filter(|o| o != v).collect::<Vec<_>>();
+            let gain = joint.without(&[*v]).map(|rest| rest.gain_of_these());
+            self.brings(library, *v, gain.unwrap_or_else(|| problem.gain_beside(&others(), *v))).evidence
+        };
+        let last: Vec<f64> = self.chosen.iter().map(beside_all).collect();
         for a in 0..n {
             for b in a + 1..n {
                 let others = self.without(&[a, b]);
                 let (first, second) = (self.chosen[a], self.chosen[b]);
                 let rest = Rest::new(&joint, &others, &[first, second]);
-                let with_first = || problem.gain_beside(&[&others[..], &[first]].concat(), second);
-                let last = joint.without(&[second]).map_or_else(with_first, |rest| rest.gain_of_these());
-                let now = self.brings(library, first, rest.gain(first)).evidence
-                    + self.brings(library, second, last).evidence;
-                let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+                let now = self.brings(library, first, rest.gain(first)).evidence + last[b];
+                let labels = labels(library, &others);
                 if let Some(best) = self.ranked(library, &|v| rest.gain(v), &labels).first()
                     && (best.evidence > now
                         || best.evidence > NEARLY * now && self.cancel(problem, [first, second]))

@@ -3,8 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use super::super::constants::{MOVES, NEARLY};
-use super::super::moment::{Axis, Moment, SLOTS};
+use super::super::constants::NEARLY;
+use super::super::moment::{Axis, Moment};
+use super::{NO_SPAN, only_axis, widen};
 
 /// What a reading of a mounting shares its offset with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -53,13 +54,12 @@ fn line(rows: &[&Moment]) -> Option<Axis> {
     if !rows.iter().any(|m| m.is_angular() || m.light.is_some()) {
         return None;
     }
-    let span = |k: usize| {
-        let positions = || rows.iter().map(|m| m.position[k]);
-        positions().fold(f64::NEG_INFINITY, f64::max) - positions().fold(f64::INFINITY, f64::min)
-    };
-    let mut moved = (0..SLOTS).filter(|k| span(*k) > MOVES[usize::from(*k > 2)]);
-    let axis = moved.next().filter(|_| moved.next().is_none())?;
-    let axis = Axis::ALL.into_iter().find(|a| a.is_linear() && a.slot() == axis)?;
+    let mut spans = NO_SPAN;
+    rows.iter().for_each(|m| widen(&mut spans, m));
+    let axis = Axis::ALL[only_axis(&spans)?];
+    if !axis.is_linear() {
+        return None;
+    }
     let is_fixed = |m: &&Moment| {
         let along = m.u[axis.direction()].abs();
         m.is_angular() || !(1.0 - NEARLY..=NEARLY).contains(&along)
@@ -85,7 +85,8 @@ pub(super) fn divide(
         }
         let line = line(&rows.iter().map(|i| &moments[*i]).collect::<Vec<_>>());
         let channels: Vec<Channel> = rows.iter().map(|i| Channel::of(&moments[*i], line)).collect();
-        let mut known = BTreeMap::from([(channels[0], mounting)]);
+        let first = channels[0];
+        let mut known = BTreeMap::from([(first, mounting)]);
         let name = setups[mounting].clone();
         for (i, channel) in rows.iter().zip(channels) {
             let own = *known.entry(channel).or_insert_with(|| {
@@ -95,8 +96,7 @@ pub(super) fn divide(
             (setup[*i], moments[*i].setup) = (own, own);
         }
         if known.len() > 1 {
-            let first = known.iter().find(|(_, s)| **s == mounting).map(|(c, _)| c.name());
-            setups[mounting] = format!("{name} {}", first.unwrap_or_default());
+            setups[mounting] = format!("{name} {}", first.name());
         }
     }
 }

@@ -273,6 +273,23 @@ pub struct Extra {
 /// Least and largest position of each axis, mm or rad.
 pub(crate) type Spans = [[f64; 2]; SLOTS];
 
+/// Of no reading.
+const NO_SPAN: Spans = [[f64::INFINITY, f64::NEG_INFINITY]; SLOTS];
+
+/// Takes the position of a reading in.
+fn widen(spans: &mut Spans, m: &Moment) {
+    for ([low, high], p) in spans.iter_mut().zip(m.position) {
+        (*low, *high) = (low.min(p), high.max(p));
+    }
+}
+
+/// The only axis that moves, by its place; `None` where none does or several do.
+fn only_axis(spans: &[[f64; 2]]) -> Option<usize> {
+    let moves = |k: &usize| spans[*k][1] - spans[*k][0] > MOVES[usize::from(*k > 2)];
+    let mut moved = (0..spans.len()).filter(moves);
+    moved.next().filter(|_| moved.next().is_none())
+}
+
 /// Readings ready for the diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Session {
@@ -364,24 +381,15 @@ impl Session {
 
     /// The range of each axis in each set-up, mm or rad; empty where nothing was read.
     pub(crate) fn spans(&self) -> Vec<Spans> {
-        let mut spans = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; self.setups.len()];
-        for m in &self.moments {
-            for ([low, high], p) in spans[m.setup].iter_mut().zip(m.position) {
-                (*low, *high) = (low.min(p), high.max(p));
-            }
-        }
+        let mut spans = vec![NO_SPAN; self.setups.len()];
+        self.moments.iter().for_each(|m| widen(&mut spans[m.setup], m));
         spans
     }
 
     /// Set-ups that look across the only linear axis that moves in them, from which the slope of the reference line is not known
     /// (ISO 230-1, straightness).
     fn straightness_tests(&self) -> Vec<bool> {
-        let moves = |axes: &Spans, k: usize| axes[k][1] - axes[k][0] > MOVES[0];
-        let axis_of = |axes: &Spans| {
-            let mut moved = (0..3).filter(|k| moves(axes, *k));
-            moved.next().filter(|_| moved.next().is_none())
-        };
-        let axes: Vec<Option<usize>> = self.spans().iter().map(axis_of).collect();
+        let axes: Vec<Option<usize>> = self.spans().iter().map(|spans| only_axis(&spans[..3])).collect();
         let mut is_test: Vec<bool> = axes.iter().map(Option::is_some).collect();
         for (r, m) in self.readings.iter().zip(&self.moments) {
             let looks_across = axes[r.setup].is_some_and(|axis| m.u[axis].abs() < SEES);
