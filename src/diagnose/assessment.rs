@@ -1,15 +1,19 @@
 //! The evidence of each chosen effect: its gain beside the others and what explains nearly as much in its place. Nothing is
 //! decided here: that is [`super::decision`].
 
+use rayon::prelude::*;
+
 use super::constants::{CURVE_SAME, HALF, INEXACT, NEARLY};
 use super::decision::Evidence;
 use super::library::{Label, Library, Shape};
-use super::search::{CURVES, Found, Problem, SAME_NOISE, Selection, figures};
+use super::search::{CURVES, Found, Problem, SAME_NOISE, Selection, Whole, figures};
 
 /// Collects the evidence of every chosen effect, whose columns are prepared.
 #[must_use]
 pub fn assess(problem: &Problem, library: &Library, selection: &Selection) -> Vec<Evidence> {
-    (0..selection.chosen.len()).map(|place| assess_one(problem, library, selection, place)).collect()
+    let whole = Whole::new(problem, &selection.chosen);
+    let places = (0..selection.chosen.len()).into_par_iter();
+    places.map(|place| assess_one((problem, library, selection, &whole), place)).collect()
 }
 
 /// Takes out of the selection, one by one, what makes readings that were left out worse: beside it nothing else can be
@@ -32,22 +36,24 @@ pub fn prune(problem: &Problem, library: &Library, selection: &mut Selection) ->
     out
 }
 
-fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> Evidence {
+fn assess_one(
+    (problem, library, selection, whole): (&Problem, &Library, &Selection, &Whole),
+    place: usize,
+) -> Evidence {
     let variant = selection.chosen[place];
     let label = library.variants[variant].label;
-    let others: Vec<usize> =
-        selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
-    let given = problem.given(&others);
-    let own = selection.found(problem, library, &given, variant);
-    let mut taken: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+    let rest = whole.joint.without(problem, &[place]);
+    let own = selection.brings(library, variant, rest.gain(variant));
+    let mut taken: Vec<usize> = rest.others.iter().map(|v| library.variants[*v].label).collect();
     // beside a lag that is in, another one is the difference of two lags: an acceleration under a wrong name
     if !is_lag(library, label) && taken.iter().any(|l| is_lag(library, *l)) {
         taken.extend((0..library.labels.len()).filter(|l| is_lag(library, *l)));
     }
-    let ranking = selection.ranking(problem, library, &given, &taken);
+    let gain = |v: usize| rest.gain(v);
+    let ranking = selection.ranked(library, &gain, &taken);
     let shape = &library.variants[variant].shape;
     let with_lines = shape.allows_lines() || library.may_be_a_slope(shape);
-    let largest = largest_gains(problem, library, &given, &taken, with_lines);
+    let largest = largest_gains(library, &gain, &taken, with_lines);
     let mut same: Vec<Label> = largest
         .iter()
         .enumerate()
@@ -78,7 +84,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         label: library.labels[label].clone(),
         kind: library.kinds[label],
         found: own,
-        figures: figures(problem, library, selection, place, own.gain),
+        figures: figures(problem, library, whole, variant, own.gain),
         same,
         sums: Vec::new(),
         share: 1.0 / total,
@@ -127,16 +133,15 @@ fn is_lag(library: &Library, label: usize) -> bool {
 /// The largest gain of each label, whatever its number of parameters; with lines of their own for curves where the effect that
 /// they would replace needs none.
 fn largest_gains(
-    problem: &Problem,
     library: &Library,
-    given: &super::search::Given,
+    gain: &dyn Fn(usize) -> (f64, usize),
     not: &[usize],
     with_lines: bool,
 ) -> Vec<f64> {
     let mut best = vec![0.0f64; library.labels.len()];
     for (v, variant) in library.variants.iter().enumerate() {
         if !not.contains(&variant.label) && (with_lines || !variant.shape.has_slope()) {
-            best[variant.label] = best[variant.label].max(problem.gain(given, v).0);
+            best[variant.label] = best[variant.label].max(gain(v).0);
         }
     }
     best

@@ -32,9 +32,7 @@ pub(super) fn find_causes(
     }
     if !selection.is_plain && !selection.chosen.is_empty() {
         search::one_response_per_axis(problem, session, filter, library, selection);
-        for place in 0..selection.chosen.len() {
-            search::challenge(problem, session, filter, library, selection, place);
-        }
+        search::challenge(problem, session, filter, library, selection);
         search::turn_about_pivots(problem, session, filter, library, selection);
         search::tilt_about_pivots(problem, session, filter, library, selection);
         selection.swap(problem, library);

@@ -6,6 +6,7 @@
 //! Source: `docs/explanation/diagnosis.md` (whitening); equations 5.8.
 
 use nalgebra::DMatrix;
+use rayon::prelude::*;
 
 use super::super::evidence::{Covariance, mean_of_members};
 use super::super::session::Session;
@@ -181,37 +182,42 @@ impl Filter {
             data.copy_from_slice(w.transpose().as_slice());
             return;
         }
-        let mut state = vec![0.0; STATES * BLOCK];
+        let begins = |i: &usize| *i == 0 || self.gains[*i].decay < 0.0;
+        let begins: Vec<usize> = (0..self.gains.len()).filter(begins).chain([self.gains.len()]).collect();
+        let (mut setups, mut rest) = (Vec::with_capacity(begins.len()), data);
+        for ends in begins.windows(2) {
+            let setup;
+            (setup, rest) = rest.split_at_mut((ends[1] - ends[0]) * width);
+            setups.push((ends[0], setup));
+        }
+        setups.into_par_iter().for_each(|(first, data)| self.apply_to_setup(first, data, width));
+    }
+
+    /// The same to the rows of a setup, the first of which is at the place `first`.
+    fn apply_to_setup(&self, first: usize, data: &mut [f64], width: usize) {
         let mut innovation = [0.0; BLOCK];
+        let n = self.states[first];
         let mut from = 0;
         while from < width {
             let block = BLOCK.min(width - from);
-            let state = &mut state[..STATES * block];
-            for (i, gain) in self.gains.iter().enumerate() {
-                let n = self.states[i];
-                if gain.decay < 0.0 {
-                    state.fill(0.0);
-                } else if gain.decay < 1.0 {
-                    for v in &mut state[..self.drift_states[i] * block] {
+            let mut state = vec![0.0; n * block];
+            for (row, gain) in data.chunks_exact_mut(width).zip(&self.gains[first..]) {
+                if (0.0..1.0).contains(&gain.decay) {
+                    for v in &mut state[..self.drift_states[first] * block] {
                         *v *= gain.decay;
                     }
                 }
-                let row = &mut data[i * width + from..i * width + from + block];
+                let row = &mut row[from..from + block];
                 let e = &mut innovation[..block];
                 e.copy_from_slice(row);
-                for (j, h) in gain.h.iter().enumerate().take(n).filter(|(_, h)| **h != 0.0) {
-                    for (e, x) in e.iter_mut().zip(&state[j * block..(j + 1) * block]) {
-                        *e -= h * x;
-                    }
+                for (h, state) in gain.h.iter().zip(state.chunks_exact(block)).filter(|(h, _)| **h != 0.0) {
+                    e.iter_mut().zip(state).for_each(|(e, x)| *e -= h * x);
                 }
-                for (j, k) in gain.k.iter().enumerate().take(n).filter(|(_, k)| **k != 0.0) {
-                    for (x, e) in state[j * block..(j + 1) * block].iter_mut().zip(e.iter()) {
-                        *x += k * e;
-                    }
+                for (k, state) in gain.k.iter().zip(state.chunks_exact_mut(block)).filter(|(k, _)| **k != 0.0)
+                {
+                    state.iter_mut().zip(e.iter()).for_each(|(x, e)| *x += k * e);
                 }
-                for (v, e) in row.iter_mut().zip(e.iter()) {
-                    *v = e * gain.weight;
-                }
+                row.iter_mut().zip(e.iter()).for_each(|(v, e)| *v = e * gain.weight);
             }
             from += block;
         }

@@ -145,10 +145,10 @@ fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
     let mut left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
     let is_declared = |label: usize| keep.iter().any(|v| a.library.variants[*v].label == label);
     let variation = a.problem.variation();
-    variation.iter().for_each(|v| v.noise.turn(&mut left, true));
-    a.problem.discrepancy().iter().for_each(|d| d.turn(&mut left, true));
+    variation.iter().for_each(|v| v.noise.turn(left.as_mut_slice(), true));
+    a.problem.discrepancy().iter().for_each(|d| d.turn(left.as_mut_slice(), true));
     let stays = variation.filter(|v| v.labels().all(is_declared));
-    stays.iter().for_each(|v| v.noise.turn(&mut left, false));
+    stays.iter().for_each(|v| v.noise.turn(left.as_mut_slice(), false));
     left.iter().copied().collect()
 }
 

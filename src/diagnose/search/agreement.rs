@@ -161,16 +161,15 @@ fn posterior_mean(table: &[(f64, f64)]) -> f64 {
 mod tests {
     use super::*;
 
+    /// Readings of a column of ones.
+    fn part(readings: &[f64]) -> Part {
+        let (rows, sum) = (readings.len(), readings.iter().sum());
+        Part { g: vec![rows as f64], b: vec![sum], yy: readings.iter().map(|y| y * y).sum(), rows }
+    }
+
     /// One parameter, `size` standard deviations in each part.
     fn of(sizes: &[f64]) -> f64 {
-        let parts: Vec<Part> = sizes
-            .iter()
-            .map(|s| {
-                let mut p = Part::new(1);
-                p.add(&[1.0], *s);
-                p
-            })
-            .collect();
+        let parts: Vec<Part> = sizes.iter().map(|s| part(&[*s])).collect();
         let parts: Vec<(usize, &Part)> = parts.iter().enumerate().collect();
         between(&parts, 1.0).expect("seen")
     }
@@ -185,13 +184,7 @@ mod tests {
 
     #[test]
     fn a_lack_of_fit_within_the_parts_leaves_their_difference_unsure() {
-        let part = |mean: f64, scatter: f64| {
-            let mut p = Part::new(1);
-            for i in 0..40 {
-                p.add(&[1.0], mean + if i % 2 == 0 { scatter } else { -scatter });
-            }
-            p
-        };
+        let part = |mean: f64, scatter: f64| part(&[mean + scatter, mean - scatter].repeat(20));
         let of = |scatter: f64| {
             let parts = [part(4.0, scatter), part(8.0, scatter), part(1.0, scatter)];
             let parts = parts.each_ref().map(|p| (0, p));

@@ -4,14 +4,15 @@
 //! Source: `docs/explanation/diagnosis.md` (agreement); invariance between programs as evidence: Peters, Buhlmann, Meinshausen.
 
 use nalgebra::DVector;
+use rayon::prelude::*;
 
 use super::super::constants::{DEVIATION_EXPECTED, FOLD_RIDGE};
 use super::super::library::Library;
 use super::super::moment::{Axis, SLOTS};
 use super::agreement::{between, lack_of_fit};
+use super::joint::Joint;
 use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
-use super::select::Selection;
 
 /// Folds of the cross-validation.
 pub const FOLDS: usize = 6;
@@ -55,18 +56,6 @@ impl Part {
         Self { g: vec![0.0; n * n], b: vec![0.0; n], yy: 0.0, rows: 0 }
     }
 
-    pub(super) fn add(&mut self, x: &[f64], y: f64) {
-        let n = self.b.len();
-        for i in 0..n {
-            for j in 0..n {
-                self.g[i * n + j] += x[i] * x[j];
-            }
-            self.b[i] += x[i] * y;
-        }
-        self.yy += y * y;
-        self.rows += 1;
-    }
-
     fn minus(&self, other: &Self) -> Self {
         let take = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect();
         Self {
@@ -104,6 +93,7 @@ pub fn fold_of(block: usize, blocks: usize) -> usize {
     block % folds
 }
 
+/// Products by part; `of` gives the part of a row.
 fn parts(
     problem: &Problem,
     columns: &[usize],
@@ -111,15 +101,15 @@ fn parts(
     of: impl Fn(usize) -> usize,
     count: usize,
 ) -> Vec<Part> {
-    let mut parts = vec![Part::new(columns.len()); count];
-    let mut x = vec![0.0; columns.len()];
-    for (i, row) in problem.w.column_iter().enumerate() {
-        for (x, c) in x.iter_mut().zip(columns) {
-            *x = row[*c];
-        }
-        parts[of(i)].add(&x, y[i]);
-    }
-    parts
+    let mut rows = vec![Vec::new(); count];
+    (0..problem.len()).for_each(|i| rows[of(i)].push(i));
+    let own = problem.w.select_rows(columns);
+    let part = |rows: &Vec<usize>| {
+        let (x, y) = (own.select_columns(rows), y.select_rows(rows));
+        let (g, b) = (&x * x.transpose(), &x * &y);
+        Part { g: g.data.into(), b: b.data.into(), yy: y.norm_squared(), rows: rows.len() }
+    };
+    rows.par_iter().map(part).collect()
 }
 
 fn total(parts: &[Part]) -> Part {
@@ -130,31 +120,45 @@ fn total(parts: &[Part]) -> Part {
     })
 }
 
-/// Figures of the effect at `place` of the selection; `gain` is its own beside the others.
+/// All effects chosen, fitted together, and the products of all their columns by fold.
+pub struct Whole {
+    pub(crate) joint: Joint,
+    folds: Vec<Part>,
+}
+
+impl Whole {
+    /// Of variants (prepared).
+    #[must_use]
+    pub fn new(problem: &Problem, chosen: &[usize]) -> Self {
+        let joint = Joint::of(problem, chosen);
+        let fold = |i: usize| fold_of(problem.block[i], problem.blocks);
+        let folds = parts(problem, &joint.given.columns, &problem.y, fold, FOLDS.min(problem.blocks.max(2)));
+        Self { joint, folds }
+    }
+}
+
+/// Figures of one of the effects; `gain` is its own beside the others.
 #[must_use]
 pub fn figures(
     problem: &Problem,
     library: &Library,
-    selection: &Selection,
-    place: usize,
+    Whole { joint: Joint { given, beta, .. }, folds }: &Whole,
+    variant: usize,
     gain: f64,
 ) -> Figures {
-    let given = problem.given(&selection.chosen);
-    let beta = problem.fit(&given);
-    let variant = selection.chosen[place];
     let (at, k) = problem.span[variant];
     let mine: Vec<usize> = (at..at + k).collect();
     let is_mine = |c: &usize| (at..at + k).contains(c);
     let (others, other_beta): (Vec<usize>, Vec<f64>) =
-        given.columns.iter().zip(&beta).filter(|(c, _)| !is_mine(c)).map(|(c, b)| (*c, *b)).unzip();
+        given.columns.iter().zip(beta).filter(|(c, _)| !is_mine(c)).map(|(c, b)| (*c, *b)).unzip();
     let beside = problem.contribution(&others, &other_beta);
     let partial = &problem.y - &beside;
-    let fit = problem.part(&given, &beta, variant);
+    let fit = problem.part(given, beta, variant);
     // two are no opposites because the variation takes what they say alike
     let plain = |part: &DVector<f64>| {
         let mut part = part.clone();
         if let Some(v) = problem.variation() {
-            v.noise.turn(&mut part, true);
+            v.noise.turn(part.as_mut_slice(), true);
         }
         part
     };
@@ -170,7 +174,7 @@ pub fn figures(
     };
     Figures {
         between: within(&places.of, places.count).max(within(&problem.block, problem.blocks)),
-        held_out: held_out(problem, &given.columns, &mine, gain),
+        held_out: held_out(folds, &given.columns, &mine, gain),
         against: against(&plain(&fit), &plain(&beside)),
         breadth: breadth(problem, &fit),
         misform: DEVIATION_EXPECTED,
@@ -181,13 +185,10 @@ pub fn figures(
     }
 }
 
-fn held_out(problem: &Problem, all: &[usize], mine: &[usize], gain: f64) -> f64 {
-    let folds = FOLDS.min(problem.blocks.max(2));
-    let parts = parts(problem, all, &problem.y, |i| fold_of(problem.block[i], problem.blocks), folds);
-    let whole = total(&parts);
+fn held_out(folds: &[Part], all: &[usize], mine: &[usize], gain: f64) -> f64 {
+    let whole = total(folds);
     let other: Vec<usize> = (0..all.len()).filter(|i| !mine.contains(&all[*i])).collect();
-    let mut kept = 0.0;
-    for p in &parts {
+    let kept = |p: &Part| {
         let mut rest = whole.minus(p);
         // what the rest of the runs hardly shows must not be extrapolated
         for i in 0..all.len() {
@@ -208,9 +209,10 @@ fn held_out(problem: &Problem, all: &[usize], mine: &[usize], gain: f64) -> f64 
         for (i, a) in other.iter().enumerate() {
             without[*a] = without_small[i];
         }
-        kept += p.left(&without) - p.left(&with);
-    }
-    kept / gain.max(1e-9)
+        p.left(&without) - p.left(&with)
+    };
+    let kept: Vec<f64> = folds.par_iter().map(kept).collect();
+    kept.iter().sum::<f64>() / gain.max(1e-9)
 }
 
 fn against(fit: &DVector<f64>, others: &DVector<f64>) -> f64 {

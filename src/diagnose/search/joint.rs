@@ -2,109 +2,135 @@
 //! others anew.
 //!
 //! With all columns in, a column `c` has the coefficients `B_c`, the fit is `beta` and the inverse of the Gram matrix `V`. Without the
-//! columns D the products are `S_ce + B_Dc' V_DD^-1 B_De`, and with the gap `b_c + B_Dc' V_DD^-1 beta_D` (block inverse).
+//! columns D the products are `S_ce + B_Dc' V_DD^-1 B_De`, and with the gap `b_c + B_Dc' V_DD^-1 beta_D` (block inverse). A column that
+//! stays and depended on D takes its own direction out of that.
+
+use rayon::prelude::*;
 
 use super::super::constants::DEGENERATE;
-use super::pivoted_cholesky::{Factor, add_multiples};
-use super::problem::{Given, Problem};
+use super::pivoted_cholesky::{Factor, dot};
+use super::problem::{Given, Problem, Rest};
 
 /// The effects chosen, all of them in.
-pub(super) struct Joint<'a> {
-    problem: &'a Problem,
-    given: Given,
-    /// Products of the columns of each variant beside all that is in, row by row.
-    own: Vec<Vec<f64>>,
-    /// Coefficients of every column of the problem on each column that is in, row by row.
-    on: Vec<f64>,
+pub(crate) struct Joint {
+    chosen: Vec<usize>,
+    pub(super) given: Given,
+    /// Of each variant what is left beside all that is in, with the coefficients of its columns on those that are in.
+    each: Vec<Rest>,
     inverse: Vec<f64>,
-    beta: Vec<f64>,
+    pub(super) beta: Vec<f64>,
 }
 
-impl<'a> Joint<'a> {
-    /// Of variants (prepared).
-    pub(super) fn new(problem: &'a Problem, chosen: &[usize]) -> Self {
-        let given = problem.given(chosen);
-        let own = (0..problem.span.len()).map(|v| problem.conditional(&given, v)).collect();
-        let (on, inverse, beta) = (given.coefficients(), given.factor.inverse(), problem.fit(&given));
-        Self { problem, given, own, on, inverse, beta }
+impl Joint {
+    /// Of some variants.
+    pub(super) fn new(problem: &mut Problem, chosen: &[usize]) -> Self {
+        problem.prepare(chosen);
+        Self::of(problem, chosen)
     }
 
-    /// The same without the columns of some variants; `None` where a column of the others, which depended on them, then says something.
-    pub(super) fn without(&self, variants: &[usize]) -> Option<Without<'_>> {
-        let columns = &self.given.columns;
-        let (all, width) = (columns.len(), self.problem.b.len());
-        let is_out = |c: &usize| variants.iter().any(|v| self.problem.columns(*v).contains(c));
-        let kept = self.given.factor.kept();
-        let out: Vec<usize> = (0..all).filter(|i| kept[*i] && is_out(&columns[*i])).collect();
+    /// Of variants (prepared).
+    pub(super) fn of(problem: &Problem, chosen: &[usize]) -> Self {
+        let given = problem.given(chosen);
+        let of = |variant: usize| {
+            let mut rest = problem.rest(&given, variant);
+            rest.with
+                .chunks_exact_mut(given.columns.len().max(1))
+                .for_each(|with| given.factor.backward(with));
+            rest
+        };
+        let each = (0..problem.span.len()).into_par_iter().map(of).collect();
+        let (inverse, beta) = (given.factor.inverse(), problem.fit(&given));
+        Self { chosen: chosen.to_vec(), given, each, inverse, beta }
+    }
+
+    /// The same once other variants are chosen.
+    pub(super) fn follow(&mut self, problem: &mut Problem, chosen: &[usize]) {
+        if self.chosen != chosen {
+            *self = Self::new(problem, chosen);
+        }
+    }
+
+    /// Drop of the sum of squares by a variant beside all that is in, and the number of its independent columns.
+    pub(super) fn gain(&self, problem: &Problem, variant: usize) -> (f64, usize) {
+        let Rest { g, b, .. } = &self.each[variant];
+        problem.gain_in(variant, g, b)
+    }
+
+    /// The effects without those at some places.
+    pub(crate) fn without<'a>(&'a self, problem: &'a Problem, places: &[usize]) -> Without<'a> {
+        let is_out = |place: &usize| places.contains(place);
+        let others = (0..self.chosen.len()).filter(|p| !is_out(p)).map(|p| self.chosen[p]).collect();
+        let is_out = |c: &usize| places.iter().any(|p| problem.columns(self.chosen[*p]).contains(c));
+        let columns = self.given.columns.iter().zip(self.given.factor.kept()).enumerate();
+        let all = self.beta.len();
+        let out: Vec<usize> =
+            columns.clone().filter(|(_, (c, kept))| **kept && is_out(c)).map(|(i, _)| i).collect();
         let m = out.len();
         let block: Vec<f64> = (0..m * m).map(|k| self.inverse[out[k / m] * all + out[k % m]]).collect();
         let full: Vec<f64> = (0..m).map(|i| block[i * m + i]).collect();
-        let factor = Factor::new(m, &block, &full);
-        let mut rows = vec![0.0; m * width];
-        for (i, j) in out.iter().enumerate() {
-            let (before, rest) = rows.split_at_mut(i * width);
-            factor.row_forward(i, &self.on[j * width..][..width], before, &mut rest[..width]);
+        let mut without = Without {
+            joint: self,
+            problem,
+            others,
+            factor: Factor::new(m, &block, &full),
+            spanned: Vec::new(),
+            of_gap: Vec::new(),
+            out,
+        };
+        // a column that depended on those that are out says again what it can of theirs
+        let on = |v: &usize| self.each[*v].with.chunks_exact(all.max(1));
+        for ((_, (c, kept)), on) in columns.zip(self.chosen.iter().flat_map(on)) {
+            if *kept || is_out(c) {
+                continue;
+            }
+            let mut back = without.back(on);
+            let square = dot(&back, &back);
+            if square > DEGENERATE {
+                back.iter_mut().for_each(|v| *v /= square.sqrt());
+                without.spanned.push(back);
+            }
         }
-        let returns = |c: &usize| rows.chunks_exact(width).map(|r| r[*c] * r[*c]).sum::<f64>() > DEGENERATE;
-        let mut spanned = columns.iter().zip(kept).filter(|(c, kept)| !**kept && !is_out(c));
-        if spanned.any(|(c, _)| returns(c)) {
-            return None;
-        }
-        let of_gap = factor.forward(&out.iter().map(|i| self.beta[*i]).collect::<Vec<_>>());
-        let mut b = self.given.left().to_vec();
-        add_multiples(&mut b, &rows, &of_gap);
-        Some(Without { joint: self, rows, b, of_gap })
+        without.of_gap = without.back(&self.beta);
+        without
     }
 }
 
-/// What is left of everything once some of the effects are out again.
-pub(super) struct Without<'a> {
-    joint: &'a Joint<'a>,
-    /// What comes back, a row per column that is out.
-    rows: Vec<f64>,
-    b: Vec<f64>,
+/// The effects that stay once some are out again.
+pub(crate) struct Without<'a> {
+    joint: &'a Joint,
+    problem: &'a Problem,
+    /// The effects that stay.
+    pub(crate) others: Vec<usize>,
+    /// Places of the columns that are out, and the decomposition of their block of the inverse.
+    out: Vec<usize>,
+    factor: Factor,
+    /// Orthonormal directions of what is out that columns which stay say again.
+    spanned: Vec<Vec<f64>>,
     of_gap: Vec<f64>,
 }
 
 impl Without<'_> {
-    fn gain(&self, variant: usize) -> (f64, usize) {
-        let problem = self.joint.problem;
-        let own = problem.columns(variant);
-        let mut g = self.joint.own[variant].clone();
-        for row in self.rows.chunks_exact(problem.b.len().max(1)) {
-            let back = &row[own.clone()];
-            for (g, x) in g.chunks_exact_mut(back.len()).zip(back) {
-                g.iter_mut().zip(back).for_each(|(g, y)| *g += x * y);
-            }
+    /// What comes back of a column with the coefficients `on` on those that were in.
+    fn back(&self, on: &[f64]) -> Vec<f64> {
+        let mut back: Vec<f64> = self.out.iter().map(|i| on[*i]).collect();
+        self.factor.forward_in(&mut back);
+        for direction in &self.spanned {
+            let along = dot(direction, &back);
+            back.iter_mut().zip(direction).for_each(|(b, d)| *b -= along * d);
         }
-        problem.gain_in(variant, &g, &self.b[own])
-    }
-
-    /// Drop of the sum of squares by what is out beside all that is in, and the number of its independent columns.
-    pub(super) fn gain_of_these(&self) -> (f64, usize) {
-        (self.of_gap.iter().map(|z| z * z).sum(), self.of_gap.len())
-    }
-}
-
-/// Everything chosen but some effects, by whichever way its products are known.
-pub(super) enum Rest<'a> {
-    Without(Without<'a>),
-    Given(&'a Problem, Given),
-}
-
-impl<'a> Rest<'a> {
-    /// `others` stay of the effects of `joint` once `out` are taken out.
-    pub(super) fn new(joint: &'a Joint<'a>, others: &[usize], out: &[usize]) -> Self {
-        let given = || Self::Given(joint.problem, joint.problem.given(others));
-        joint.without(out).map_or_else(given, Self::Without)
+        back
     }
 
     /// Drop of the sum of squares by a variant beside the effects that stay, and the number of its independent columns.
-    pub(super) fn gain(&self, variant: usize) -> (f64, usize) {
-        match self {
-            Self::Without(without) => without.gain(variant),
-            Self::Given(problem, given) => problem.gain(given, variant),
-        }
+    pub(crate) fn gain(&self, variant: usize) -> (f64, usize) {
+        let Rest { with, g, b } = &self.joint.each[variant];
+        let back: Vec<Vec<f64>> =
+            with.chunks_exact(self.joint.beta.len().max(1)).map(|on| self.back(on)).collect();
+        let k = b.len();
+        let product = |n: usize| g[n] + dot(&back[n / k], &back[n % k]);
+        let g: Vec<f64> = (0..k * k).map(product).collect();
+        let b: Vec<f64> = b.iter().zip(&back).map(|(b, r)| b + dot(r, &self.of_gap)).collect();
+        self.problem.gain_in(variant, &g, &b)
     }
 }
 
@@ -133,24 +159,21 @@ mod tests {
     fn without_some_is_as_if_the_others_alone_were_in() {
         let mut problem = problem();
         let chosen = [0, 1, 2, 3, 4];
-        problem.prepare(&chosen);
-        let joint = Joint::new(&problem, &chosen);
+        let joint = Joint::new(&mut problem, &chosen);
         for (out, comes_back) in
             [(vec![2], false), (vec![2, 3], false), (vec![4], false), (vec![0], true), (vec![1, 3], true)]
         {
-            assert_eq!(joint.without(&out).is_none(), comes_back, "{out:?}");
+            let rest = joint.without(&problem, &out);
+            assert_eq!(!rest.spanned.is_empty(), comes_back, "{out:?}");
             let others: Vec<usize> = chosen.into_iter().filter(|v| !out.contains(v)).collect();
-            let (rest, given) = (Rest::new(&joint, &others, &out), problem.given(&others));
+            assert_eq!(rest.others, others);
             for v in chosen {
-                let ((gain, rank), (wanted, of)) = (rest.gain(v), problem.gain(&given, v));
+                let ((gain, rank), (wanted, of)) = (rest.gain(v), problem.gain_beside(&others, v));
                 assert!(
                     (gain - wanted).abs() < 1e-9 * (1.0 + wanted) && rank == of,
                     "{out:?} {v}: {gain} {wanted}"
                 );
             }
         }
-        let (gain, rank) = joint.without(&[3]).unwrap().gain_of_these();
-        let (wanted, of) = problem.gain_beside(&[0, 1, 2, 4], 3);
-        assert!((gain - wanted).abs() < 1e-9 * wanted && rank == of);
     }
 }

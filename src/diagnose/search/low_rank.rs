@@ -1,9 +1,13 @@
 //! Noise of low rank beside what the filter whitens: variances along some orthonormal directions.
 
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, SymmetricEigen};
+use rayon::prelude::*;
 
 /// Least variance of a direction that changes anything, 1 is the noise.
 pub(super) const TELLS: f64 = 0.01;
+
+/// Rows or columns that one processor takes at a time.
+const BLOCK: usize = 256;
 
 /// Noise along some directions; whitening is `(1 + U U')^-1/2`.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,30 +49,31 @@ impl LowRank {
         along.iter().zip(self.variance.iter()).map(of).sum::<f64>() / left.len().max(1) as f64
     }
 
-    /// Whitens a column in place, or what was whitened back again.
-    pub(crate) fn turn(&self, column: &mut DVector<f64>, back: bool) {
-        let mut along = self.basis.tr_mul(column);
-        along.component_mul_assign(&self.change(back));
-        column.gemv(1.0, &self.basis, &along, 1.0);
-    }
-
-    /// Whitens a column in place.
-    pub fn apply(&self, column: &mut DVector<f64>) {
-        self.turn(column, false);
-    }
-
     fn change(&self, back: bool) -> DVector<f64> {
         self.variance.map(|v| if back { (1.0 + v).sqrt() - 1.0 } else { 1.0 / (1.0 + v).sqrt() - 1.0 })
     }
 
-    /// Whitens the columns of a problem (a matrix row each) in place, or back.
-    pub(super) fn turn_all(&self, w: &mut DMatrix<f64>, y: &mut DVector<f64>, back: bool) {
-        self.turn(y, back);
-        let mut along = &*w * &self.basis;
+    /// Whitens columns in place, or back: a row of values, one of each column, per row of the problem.
+    pub(crate) fn turn(&self, data: &mut [f64], back: bool) {
+        let rows = self.basis.nrows();
+        let width = data.len() / rows.max(1);
+        if width == 0 {
+            return;
+        }
+        let w = DMatrixView::from_slice(data, width, rows);
+        let blocks: Vec<usize> = (0..width).step_by(BLOCK).collect();
+        let along = |at: &usize| w.rows(*at, BLOCK.min(width - at)) * &self.basis;
+        let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(along).collect();
+        let mut along = DMatrix::zeros(width, self.basis.ncols());
+        blocks.iter().zip(&parts).for_each(|(at, part)| along.rows_mut(*at, part.nrows()).copy_from(part));
         for (mut column, c) in along.column_iter_mut().zip(self.change(back).iter()) {
             column *= *c;
         }
-        w.gemm(1.0, &along, &self.basis.transpose(), 1.0);
+        data.par_chunks_mut(width * BLOCK).enumerate().for_each(|(k, data)| {
+            let n = data.len() / width;
+            let basis = self.basis.rows(k * BLOCK, n).transpose();
+            DMatrixViewMut::from_slice(data, width, n).gemm(1.0, &along, &basis, 1.0);
+        });
     }
 }
 
@@ -84,11 +89,11 @@ mod tests {
         };
         let mut column = DVector::from_column_slice(&[0.6 * 2.0 - 0.8, 0.8 * 2.0 + 0.6, 5.0]);
         let before = column.clone();
-        v.apply(&mut column);
+        v.turn(column.as_mut_slice(), false);
         // standard deviation 2 becomes 1 along the basis
         let wanted = DVector::from_column_slice(&[0.6 - 0.8, 0.8 + 0.6, 5.0]);
         assert!((&column - wanted).norm() < 1e-12, "{column}");
-        v.turn(&mut column, true);
+        v.turn(column.as_mut_slice(), true);
         assert!((column - &before).norm() < 1e-12);
         assert!((v.log_variance() - 4f64.ln()).abs() < 1e-12);
         // mean 3/4 of 2, variance 3/4, over three rows

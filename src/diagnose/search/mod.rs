@@ -1,6 +1,7 @@
 //! The search for causes in the whitened problem.
 
 mod agreement;
+mod beside;
 mod data_partition;
 mod discrepancy;
 mod figures;
@@ -22,7 +23,7 @@ mod variation;
 pub use agreement::posterior_deviation;
 pub use data_partition::count_programs;
 pub use discrepancy::discrepancy;
-pub use figures::{FOLDS, Figures, figures, fold_of};
+pub use figures::{FOLDS, Figures, Whole, figures, fold_of};
 pub use low_rank::LowRank;
 pub use pitch_search::find_pitches;
 pub use pivot::{tilt_about_pivots, turn_about_pivots};

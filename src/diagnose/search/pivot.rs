@@ -3,12 +3,15 @@
 //! `d = eps(q) x (r - c)`: with `eps` and `c` free this is linear in `eps` and in `eps c`, which starts the search; Gauss-Newton
 //! steps end it.
 
+use rayon::prelude::*;
+
 use super::super::constants::{ROUNDS, STRONG};
 use super::super::library::{Library, Shape, forms};
 use super::super::noise::Filter;
 use super::super::session::Session;
+use super::beside::{Beside, Columns};
 use super::problem::Problem;
-use super::refine::{Beside, put};
+use super::refine::put;
 use super::select::{SAME_NOISE, SWAP_GAIN, Selection, evidence};
 
 /// By how much the pivot moves for a derivative, mm.
@@ -71,13 +74,14 @@ pub fn turn_about_pivots(
         let now = plain.max(sloped);
         let beside = Beside::new(problem, &others);
         let grid = selection.grid[label];
-        let turned = variants.iter().filter(|v| !selection.banned.contains(v)).filter_map(|v| {
+        let turned = variants.par_iter().filter(|v| !selection.banned.contains(v)).filter_map(|v| {
             let Shape::Angular(shape) = &library.variants[*v].shape else { return None };
             let (shape, columns) = pivoted(&beside, problem, session, filter, shape.clone())?;
             let (gain, rank) = beside.gain(&columns);
             Some((evidence(gain, rank + COORDINATES, grid), *v, shape))
         });
-        let Some((e, v, shape)) = turned.max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+        let turned: Vec<_> = turned.collect();
+        let Some((e, v, shape)) = turned.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
         // where the angle was not chosen, the lever must tell
         let wanted = match (group.len(), group.iter().any(is_own)) {
             (1, true) => now + SWAP_GAIN,
@@ -132,7 +136,8 @@ fn pivoted(
     mut shape: forms::Angular,
 ) -> Option<(Shape, Columns)> {
     let across: Vec<usize> = (0..3).filter(|k| *k != shape.about.direction()).collect();
-    let columns = |shape: &forms::Angular| problem.whitened(session, filter, &shape.clone().into());
+    let columns =
+        |shape: &forms::Angular| problem.whitened(session, filter, &[&shape.clone().into()]).remove(0);
     let own = columns(&shape);
     // a displacement by each term of the curve along each direction: the difference of two levers
     let differ = |k: &usize| -> Columns {
@@ -172,9 +177,6 @@ fn pivoted(
     let shape = Shape::from(shape);
     super::refine::is_local(session, &shape).then(|| (shape, moved(&steps)))
 }
-
-/// Whitened columns, a value per row of the problem each.
-type Columns = Vec<Vec<f64>>;
 
 /// A column and multiples of others.
 fn sum(column: &[f64], terms: &[(f64, &Vec<f64>)]) -> Vec<f64> {

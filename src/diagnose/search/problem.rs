@@ -3,18 +3,24 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
+use rayon::prelude::*;
 
 use super::super::constants::{BLOCKS_MIN, MOVES, SEEN};
 use super::super::library::{Blind, Library, Shape};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
+use super::beside::Columns;
 use super::data_partition::{Places, blocks, programs};
 use super::low_rank::LowRank;
-use super::pivoted_cholesky::{Factor, ROWS, add_multiples};
+use super::pivoted_cholesky::{Factor, dot};
 use super::raw_columns::{RawColumns, raw, raw_columns};
 use super::variation::Variation;
+
+/// Readings and columns that one processor takes at a time.
+const ROWS: usize = 512;
+const BLOCK: usize = 256;
 
 /// Readings, columns and what was computed of them.
 pub struct Problem {
@@ -179,24 +185,36 @@ impl Problem {
         if columns.is_empty() {
             return;
         }
-        let width = self.b.len();
-        let mut products = DMatrix::zeros(width, columns.len());
-        for rows in self.w.as_slice().chunks(ROWS * width) {
-            for (mut product, c) in products.column_iter_mut().zip(&columns) {
-                let mut own = [0.0; ROWS];
-                own.iter_mut().zip(rows[*c..].iter().step_by(width)).for_each(|(own, v)| *own = *v);
-                // most effects act in some of the programs
-                if own != [0.0; ROWS] {
-                    add_multiples(product.as_mut_slice(), rows, &own[..rows.len() / width]);
-                }
-            }
-        }
+        let products = self.products(&self.w.select_rows(&columns).transpose());
         let mut at = 0;
         for v in missing {
             let k = self.span[v].1;
             self.cross.insert(v, products.columns(at, k).into_owned());
             at += k;
         }
+    }
+
+    /// Products of some vectors, a value per row of the problem each, with all columns; a matrix column each.
+    pub(super) fn products(&self, some: &DMatrix<f64>) -> DMatrix<f64> {
+        let width = self.b.len();
+        let blocks: Vec<Range<usize>> =
+            (0..width).step_by(BLOCK).map(|at| at..width.min(at + BLOCK)).collect();
+        let chunks = (0..self.len()).step_by(ROWS).map(|at| (at, ROWS.min(self.len() - at)));
+        // most effects act in some of the programs
+        let acts = |(at, n): &(usize, usize)| some.rows(*at, *n).iter().any(|v| *v != 0.0);
+        let chunks: Vec<(usize, usize)> = chunks.filter(acts).collect();
+        let of_block = |block: &Range<usize>| {
+            let mut sums = DMatrix::zeros(block.len(), some.ncols());
+            for (at, n) in &chunks {
+                let w = self.w.view((block.start, *at), (block.len(), *n));
+                sums.gemm(1.0, &w, &some.rows(*at, *n), 1.0);
+            }
+            sums
+        };
+        let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(of_block).collect();
+        let mut products = DMatrix::zeros(width, some.ncols());
+        blocks.iter().zip(&parts).for_each(|(b, part)| products.rows_mut(b.start, b.len()).copy_from(part));
+        products
     }
 
     /// The columns of a variant.
@@ -207,7 +225,7 @@ impl Problem {
 
     /// Puts another shape in the place of a variant.
     pub fn replace(&mut self, session: &Session, filter: &Filter, variant: usize, shape: &Shape) {
-        let columns = self.whitened(session, filter, shape);
+        let columns = self.whitened(session, filter, &[shape]).remove(0);
         let (at, k) = self.span[variant];
         for (j, column) in columns.iter().enumerate().take(k) {
             let norm = column.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -241,6 +259,12 @@ impl Problem {
         self.discrepancy.as_ref()
     }
 
+    /// Whitens columns and gap, or back.
+    fn turn(&mut self, noise: &LowRank, back: bool) {
+        noise.turn(self.w.as_mut_slice(), back);
+        noise.turn(self.y.as_mut_slice(), back);
+    }
+
     /// Takes the variation of effects for noise, in the place of the one before.
     pub fn vary(&mut self, variation: Option<Variation>) {
         self.leave_variation();
@@ -252,10 +276,10 @@ impl Problem {
         self.leave_variation();
         if self.discrepancy != discrepancy {
             if let Some(old) = self.discrepancy.take() {
-                old.turn_all(&mut self.w, &mut self.y, true);
+                self.turn(&old, true);
             }
             if let Some(new) = &discrepancy {
-                new.turn_all(&mut self.w, &mut self.y, false);
+                self.turn(new, false);
             }
             self.discrepancy = discrepancy;
         }
@@ -265,13 +289,13 @@ impl Problem {
     /// Columns and gap as they were before the variation; of unit length once another one has joined.
     fn leave_variation(&mut self) {
         if let Some(old) = self.variation.take() {
-            old.noise.turn_all(&mut self.w, &mut self.y, true);
+            self.turn(&old.noise, true);
         }
     }
 
     fn join_variation(&mut self, variation: Option<Variation>) {
         if let Some(new) = &variation {
-            new.noise.turn_all(&mut self.w, &mut self.y, false);
+            self.turn(&new.noise, false);
         }
         self.variation = variation;
         let norm = &self.norm;
@@ -281,34 +305,26 @@ impl Problem {
         self.cross.clear();
     }
 
-    /// The columns of one shape, whitened.
+    /// The columns of each of some shapes, whitened.
     #[must_use]
-    pub fn whitened(&self, session: &Session, filter: &Filter, shape: &Shape) -> Vec<Vec<f64>> {
-        let k = shape.width();
-        let mut data = filter.mean(raw(session, &filter.members(), &[shape]), k);
-        self.whiten(filter, &mut data, k);
-        (0..k).map(|j| data.iter().skip(j).step_by(k).copied().collect()).collect()
+    pub(super) fn whitened(&self, session: &Session, filter: &Filter, shapes: &[&Shape]) -> Vec<Columns> {
+        let width = shapes.iter().map(|s| s.width()).sum();
+        let mut data = filter.mean(raw(session, &filter.members(), shapes), width);
+        self.whiten(filter, &mut data, width);
+        let mut columns = (0..width).map(|j| data.iter().skip(j).step_by(width).copied().collect());
+        shapes.iter().map(|s| columns.by_ref().take(s.width()).collect()).collect()
     }
 
     /// Whitens columns, a row of `width` values per row of the problem, in place.
     pub fn whiten(&self, filter: &Filter, data: &mut [f64], width: usize) {
         self.whiten_beside(filter, data, width);
-        self.whiten_by(self.variation.as_ref().map(|v| &v.noise), data, width);
+        self.variation.iter().for_each(|v| v.noise.turn(data, false));
     }
 
     /// The same without the variation of effects.
     pub(super) fn whiten_beside(&self, filter: &Filter, data: &mut [f64], width: usize) {
         filter.apply(data, width);
-        self.whiten_by(self.discrepancy.as_ref(), data, width);
-    }
-
-    fn whiten_by(&self, noise: Option<&LowRank>, data: &mut [f64], width: usize) {
-        let Some(noise) = noise else { return };
-        for j in 0..width {
-            let mut column = DVector::from_iterator(self.len(), data.iter().skip(j).step_by(width).copied());
-            noise.apply(&mut column);
-            data.iter_mut().skip(j).step_by(width).zip(column.iter()).for_each(|(d, c)| *d = *c);
-        }
+        self.discrepancy.iter().for_each(|d| d.turn(data, false));
     }
 
     /// Some vectors without what the given columns say.
@@ -327,62 +343,38 @@ impl Problem {
     /// What is known once the columns of `chosen` (prepared) are in.
     #[must_use]
     pub fn given(&self, chosen: &[usize]) -> Given {
-        self.given_among(chosen, 0..self.b.len())
-    }
-
-    /// The same, for questions about some columns alone.
-    fn given_among(&self, chosen: &[usize], among: Range<usize>) -> Given {
         let columns: Vec<usize> = chosen.iter().flat_map(|v| self.columns(*v)).collect();
         let n = columns.len();
-        let width = among.len();
-        // products of each chosen column with all columns
-        let products: Vec<&[f64]> = chosen
-            .iter()
-            .filter_map(|v| self.cross.get(v))
-            .flat_map(|c| c.as_slice().chunks_exact(self.b.len()))
-            .collect();
-        let mut small = vec![0.0; n * n];
-        for (row, products) in small.chunks_exact_mut(n.max(1)).zip(&products) {
-            for (v, c) in row.iter_mut().zip(&columns) {
-                *v = products[*c];
-            }
+        let mut small = Vec::with_capacity(n * n);
+        for products in chosen.iter().filter_map(|v| self.cross.get(v)).flat_map(DMatrix::column_iter) {
+            small.extend(columns.iter().map(|c| products[*c]));
         }
-        let full: Vec<f64> = columns.iter().map(|c| if self.norm[*c] > 0.0 { 1.0 } else { 0.0 }).collect();
-        let factor = Factor::new(n, &small, &full);
-        let own: Vec<f64> = columns.iter().map(|c| self.b[*c]).collect();
-        let z = factor.forward(&own);
-        // L^-1 G row by row
-        let mut a = vec![0.0; n * width];
-        for (i, products) in products.iter().enumerate() {
-            let (before, rest) = a.split_at_mut(i * width);
-            factor.row_forward(i, &products[among.clone()], before, &mut rest[..width]);
-        }
-        let mut b = self.b.as_slice()[among.clone()].to_vec();
-        for (a, z) in a.chunks_exact(width.max(1)).zip(&z) {
-            b.iter_mut().zip(a).for_each(|(b, a)| *b -= a * z);
-        }
-        Given { columns, factor, a, b, among, explained: z.iter().map(|v| v * v).sum() }
+        let factor = Factor::new(n, &small, &self.full(columns.iter().copied()));
+        let z = factor.forward(&columns.iter().map(|c| self.b[*c]).collect::<Vec<_>>());
+        Given { explained: dot(&z, &z), chosen: chosen.to_vec(), columns, factor, z }
+    }
+
+    /// Squares of columns: 1, or 0 of those that are zero.
+    fn full(&self, columns: impl Iterator<Item = usize>) -> Vec<f64> {
+        columns.map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect()
     }
 
     /// What a variant brings beside those of `chosen` (prepared): drop of the sum of squares, and the number of its independent columns.
     #[must_use]
     pub fn gain_beside(&self, chosen: &[usize], variant: usize) -> (f64, usize) {
-        self.gain(&self.given_among(chosen, self.columns(variant)), variant)
+        self.gain(&self.given(chosen), variant)
     }
 
     /// Drop of the sum of squares by a variant beside what is given, and the number of its independent columns.
     #[must_use]
     pub fn gain(&self, given: &Given, variant: usize) -> (f64, usize) {
-        let (at, k) = self.span[variant];
-        let first = at - given.among.start;
-        self.gain_in(variant, &self.conditional(given, variant), &given.b[first..first + k])
+        let rest = self.rest(given, variant);
+        self.gain_in(variant, &rest.g, &rest.b)
     }
 
     /// The same from the products of its columns with each other and with the gap, beside what is in.
     pub(super) fn gain_in(&self, variant: usize, g: &[f64], b: &[f64]) -> (f64, usize) {
-        let full: Vec<f64> =
-            self.columns(variant).map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
-        let factor = Factor::new(full.len(), g, &full);
+        let factor = Factor::new(b.len(), g, &self.full(self.columns(variant)));
         (factor.gain(b), factor.rank())
     }
 
@@ -392,20 +384,26 @@ impl Problem {
         self.gain_in(variant, &self.own[variant], &products[self.columns(variant)]).0
     }
 
-    /// Products of the columns of a variant with each other beside what is given, row by row.
-    pub(super) fn conditional(&self, given: &Given, variant: usize) -> Vec<f64> {
-        let (at, k) = self.span[variant];
+    /// What is left of a variant beside what is given.
+    pub(super) fn rest(&self, given: &Given, variant: usize) -> Rest {
+        let own = self.columns(variant);
+        let (k, n) = (own.len(), given.columns.len());
+        let cross = || given.chosen.iter().filter_map(|v| self.cross.get(v)).flat_map(DMatrix::column_iter);
+        let mut with = Vec::with_capacity(k * n);
+        for (j, c) in own.clone().enumerate() {
+            with.extend(cross().map(|products| products[c]));
+            given.factor.forward_in(&mut with[j * n..]);
+        }
+        let row = |i: usize| &with[i * n..][..n];
         let mut g = self.own[variant].clone();
-        let first = at - given.among.start;
-        for row in given.a.chunks_exact(given.among.len().max(1)) {
-            let a = &row[first..first + k];
-            for i in 0..k {
-                for j in 0..k {
-                    g[i * k + j] -= a[i] * a[j];
-                }
+        for i in 0..k {
+            for j in 0..=i {
+                g[i * k + j] -= dot(row(i), row(j));
+                g[j * k + i] = g[i * k + j];
             }
         }
-        g
+        let b = own.enumerate().map(|(i, c)| self.b[c] - dot(row(i), &given.z)).collect();
+        Rest { with, g, b }
     }
 
     /// Parameters of the chosen variants, in the whitened scale, in the order of their columns.
@@ -443,32 +441,29 @@ impl Problem {
     }
 }
 
-/// What is left of everything once some columns are in.
+/// The columns that are in.
 pub struct Given {
-    /// The columns that are in.
+    chosen: Vec<usize>,
+    /// The columns of the problem.
     pub columns: Vec<usize>,
     pub(super) factor: Factor,
-    a: Vec<f64>,
-    b: Vec<f64>,
-    /// Columns of which `a` and `b` tell.
-    among: Range<usize>,
+    /// `L^-1` times their products with the gap.
+    z: Vec<f64>,
     /// Drop of the sum of squares by all of them.
     pub explained: f64,
 }
 
+/// What is left of a variant beside the columns that are in.
+pub(super) struct Rest {
+    /// `L^-1` times the products of each of its columns with those that are in, one column after the other.
+    pub with: Vec<f64>,
+    /// Products of its columns with each other, row by row.
+    pub g: Vec<f64>,
+    /// Products with the gap.
+    pub b: Vec<f64>,
+}
+
 impl Given {
-    /// Products of the gap with the columns that it tells of, beside what is in.
-    pub(super) fn left(&self) -> &[f64] {
-        &self.b
-    }
-
-    /// Coefficients of the columns that it tells of on each column that is in, row by row; zero on those that depend on others.
-    pub(super) fn coefficients(&self) -> Vec<f64> {
-        let mut rows = self.a.clone();
-        self.factor.backward_rows(&mut rows, self.among.len());
-        rows
-    }
-
     /// Covariance of the parameters in the whitened scale, row by row.
     #[must_use]
     pub fn covariance(&self, problem: &Problem) -> Vec<f64> {
@@ -499,25 +494,38 @@ impl Scaled {
         span: &[(usize, usize)],
         seen: impl Fn(usize, f64) -> bool,
     ) -> Self {
-        // of wide variants a product of matrices, of narrow ones sums in one pass over all
-        let product = |(at, k): &(usize, usize)| {
-            let columns = w.rows(*at, *k);
-            (columns * columns.transpose()).as_slice().to_vec()
-        };
-        let begin = |s: &(usize, usize)| if s.1 > WIDE { product(s) } else { vec![0.0; s.1 * s.1] };
-        let mut own: Vec<Vec<f64>> = span.iter().map(begin).collect();
-        let mut b = DVector::zeros(w.nrows());
-        for (row, y) in w.column_iter().zip(y.iter()) {
-            let row = row.as_slice();
-            b.iter_mut().zip(row).for_each(|(b, v)| *b += v * y);
-            for (g, (at, k)) in own.iter_mut().zip(span).filter(|(_, s)| s.1 <= WIDE) {
-                let v = &row[*at..at + k];
-                for i in 0..*k {
-                    for j in 0..=i {
-                        g[i * k + j] += v[i] * v[j];
+        let (rows, width) = (ROWS.min(y.len()).max(1), w.nrows().max(1));
+        let sums = |(data, y): (&[f64], &[f64])| {
+            let w = DMatrixView::from_slice(data, width, y.len());
+            // of wide variants a product of matrices, of narrow ones sums in one pass over all
+            let product = |(at, k): &(usize, usize)| {
+                let columns = w.rows(*at, *k);
+                (columns * columns.transpose()).as_slice().to_vec()
+            };
+            let begin = |s: &(usize, usize)| if s.1 > WIDE { product(s) } else { vec![0.0; s.1 * s.1] };
+            let mut own: Vec<Vec<f64>> = span.iter().map(begin).collect();
+            let mut b = DVector::zeros(width);
+            for (row, y) in data.chunks_exact(width).zip(y) {
+                b.iter_mut().zip(row).for_each(|(b, v)| *b += v * y);
+                for (g, (at, k)) in own.iter_mut().zip(span).filter(|(_, s)| s.1 <= WIDE) {
+                    let v = &row[*at..at + k];
+                    for i in 0..*k {
+                        for j in 0..=i {
+                            g[i * k + j] += v[i] * v[j];
+                        }
                     }
                 }
             }
+            (b, own)
+        };
+        // sums over the same rows whatever the number of processors
+        let parts = w.as_slice().par_chunks(rows * width).zip(y.as_slice().par_chunks(rows));
+        let parts: Vec<(DVector<f64>, Vec<Vec<f64>>)> = parts.map(sums).collect();
+        let mut b = DVector::zeros(w.nrows());
+        let mut own: Vec<Vec<f64>> = span.iter().map(|s| vec![0.0; s.1 * s.1]).collect();
+        for (of_b, of_own) in &parts {
+            b += of_b;
+            own.iter_mut().flatten().zip(of_own.iter().flatten()).for_each(|(g, part)| *g += part);
         }
         let square = own.iter().zip(span).flat_map(|(g, (_, k))| (0..*k).map(move |i| g[i * k + i]));
         let length: Vec<f64> = square
@@ -525,9 +533,8 @@ impl Scaled {
             .map(|(j, square)| if square > 0.0 && seen(j, square) { square.sqrt() } else { 0.0 })
             .collect();
         let scale: Vec<f64> = length.iter().map(|l| if *l > 0.0 { 1.0 / l } else { 0.0 }).collect();
-        for mut row in w.column_iter_mut() {
-            row.iter_mut().zip(&scale).for_each(|(v, s)| *v *= s);
-        }
+        let scale_row = |row: &mut [f64]| row.iter_mut().zip(&scale).for_each(|(v, s)| *v *= s);
+        w.as_mut_slice().par_chunks_exact_mut(width).for_each(scale_row);
         b.iter_mut().zip(&scale).for_each(|(b, s)| *b *= s);
         for (g, (at, k)) in own.iter_mut().zip(span) {
             for i in 0..*k {

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use volcomp_model::geometry::Vec3;
 
 use super::super::library::{Library, Shape};
@@ -17,6 +18,9 @@ pub fn raw_columns(session: &Session, library: &Library, rows: &[usize]) -> Vec<
 
 /// Most values of raw columns that are kept: 256 MB.
 const KEPT_MAX: usize = 1 << 25;
+
+/// Readings that one processor takes at a time.
+const ROWS: usize = 256;
 
 /// Raw columns that are the same from one round to the next.
 #[derive(Debug, Clone, Default)]
@@ -97,16 +101,19 @@ pub(super) fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f
             out
         });
     }
-    let mut out = vec![Vec3::zeros(); width];
-    for (row, i) in data.chunks_exact_mut(width.max(1)).zip(rows) {
-        displacements(*i, &mut out);
-        if let Some((zero, turn)) = zero_of(*i) {
-            out.iter_mut().zip(&at_zero[&zero]).for_each(|(d, z)| *d -= turn * z);
+    let width = width.max(1);
+    data.par_chunks_mut(ROWS * width).zip(rows.par_chunks(ROWS)).for_each(|(data, rows)| {
+        let mut out = vec![Vec3::zeros(); width];
+        for (row, i) in data.chunks_exact_mut(width).zip(rows) {
+            displacements(*i, &mut out);
+            if let Some((zero, turn)) = zero_of(*i) {
+                out.iter_mut().zip(&at_zero[&zero]).for_each(|(d, z)| *d -= turn * z);
+            }
+            for (value, d) in row.iter_mut().zip(&out) {
+                let seen = d.dot(&session.moments[*i].u);
+                *value = if seen.is_finite() { seen } else { 0.0 };
+            }
         }
-        for (value, d) in row.iter_mut().zip(&out) {
-            let seen = d.dot(&session.moments[*i].u);
-            *value = if seen.is_finite() { seen } else { 0.0 };
-        }
-    }
+    });
     data
 }

@@ -1,12 +1,10 @@
 //! The non-linear parameters of a chosen effect between the values of its grid: a search by shrinking steps.
 
-use nalgebra::DVectorView;
-
 use super::super::library::{Library, Shape, forms};
 use super::super::moment::{Axis, Source};
 use super::super::noise::Filter;
 use super::super::session::Session;
-use super::pivoted_cholesky::Factor;
+use super::beside::Beside;
 use super::problem::Problem;
 use super::select::Selection;
 
@@ -68,107 +66,6 @@ pub(super) fn is_local(session: &Session, shape: &Shape) -> bool {
     shape.is_within(&span, session.machine.tool_tip_mm.into())
 }
 
-/// The effects that stay, for what is compared beside them.
-pub(super) struct Beside {
-    /// Their whitened columns.
-    columns: Vec<Vec<f64>>,
-    /// Products of all pairs of them, row by row.
-    products: Vec<Vec<f64>>,
-    /// Products with what is explained.
-    right: Vec<f64>,
-    y: Vec<f64>,
-    /// Drop of the sum of squares by them alone, and how many of them are independent.
-    ground: (f64, usize),
-}
-
-impl Beside {
-    pub(super) fn new(problem: &Problem, others: &[usize]) -> Self {
-        let columns = others.iter().flat_map(|v| problem.span[*v].0..problem.span[*v].0 + problem.span[*v].1);
-        Self::of(columns.map(|c| problem.w.row(c).iter().copied().collect()).collect(), problem)
-    }
-
-    fn of(columns: Vec<Vec<f64>>, problem: &Problem) -> Self {
-        let y: Vec<f64> = problem.y.iter().copied().collect();
-        let products =
-            (0..columns.len()).map(|i| columns[..=i].iter().map(|c| dot(&columns[i], c)).collect()).collect();
-        let right = columns.iter().map(|c| dot(c, &y)).collect();
-        let mut beside = Self { columns, products, right, y, ground: (0.0, 0) };
-        beside.ground = beside.joint(&[]);
-        beside
-    }
-
-    /// Drop of the sum of squares by these columns and more together, and the number of independent ones.
-    fn joint(&self, more: &[Vec<f64>]) -> (f64, usize) {
-        let (g, full, b) = self.gram(more);
-        let factor = Factor::new(b.len(), &g, &full);
-        (factor.gain(&b), factor.rank())
-    }
-
-    /// Products of all columns, their own, and those with what is explained.
-    fn gram(&self, more: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-        let (k, n) = (self.columns.len(), self.columns.len() + more.len());
-        let mut g = vec![0.0; n * n];
-        let mut set = |i: usize, j: usize, v: f64| {
-            g[i * n + j] = v;
-            g[j * n + i] = v;
-        };
-        for (i, row) in self.products.iter().enumerate() {
-            row.iter().enumerate().for_each(|(j, v)| set(i, j, *v));
-        }
-        for (i, column) in more.iter().enumerate() {
-            let known = self.columns.iter().chain(&more[..=i]);
-            known.enumerate().for_each(|(j, c)| set(k + i, j, dot(column, c)));
-        }
-        let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
-        let b: Vec<f64> = self.right.iter().copied().chain(more.iter().map(|c| dot(c, &self.y))).collect();
-        (g, full, b)
-    }
-
-    /// What more columns bring beside these, and how many of them are independent.
-    pub(super) fn gain(&self, more: &[Vec<f64>]) -> (f64, usize) {
-        let (gain, rank) = self.joint(more);
-        (gain - self.ground.0, rank - self.ground.1)
-    }
-
-    /// The values of more columns beside these.
-    pub(super) fn values(&self, more: &[Vec<f64>]) -> Vec<f64> {
-        let (g, full, b) = self.gram(more);
-        Factor::new(b.len(), &g, &full).solve(&b).split_off(self.columns.len())
-    }
-
-    /// What a shape brings with the best values near its own, the number of its independent columns, and that shape.
-    pub(super) fn best(
-        &self,
-        problem: &Problem,
-        session: &Session,
-        filter: &Filter,
-        shape: &Shape,
-    ) -> (f64, usize, Shape) {
-        let score = |shape: &Shape| self.joint(&problem.whitened(session, filter, shape));
-        let mut shape = shape.clone();
-        let mut best = score(&shape);
-        for step in STEPS {
-            for _ in 0..6 {
-                let better = shape
-                    .neighbours(step)
-                    .into_iter()
-                    .filter(|s| is_local(session, s))
-                    .map(|s| (score(&s), s))
-                    .filter(|(g, _)| g.0 > best.0 + 1e-6)
-                    .max_by(|a, b| a.0.0.total_cmp(&b.0.0));
-                let Some((gain, s)) = better else { break };
-                (best, shape) = (gain, s);
-            }
-        }
-        (best.0 - self.ground.0, best.1 - self.ground.1, shape)
-    }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    // in several sums at a time
-    DVectorView::from_slice(a, a.len()).dot(&DVectorView::from_slice(b, b.len()))
-}
-
 /// A lag is a delay (its second term is half its square), a position loop, or neither; a free second term would pass the compliance
 /// of the structure off as a lag.
 fn tie(
@@ -184,8 +81,8 @@ fn tie(
     let others: Vec<usize> = chosen.iter().copied().filter(|v| *v != variant).collect();
     let beside = Beside::new(problem, &others);
     let says = |problem: &Problem, shape: &Shape| {
-        let columns = problem.whitened(session, filter, shape);
-        (beside.joint(&columns).0, beside.values(&columns)[0])
+        let columns = problem.whitened(session, filter, &[shape]).remove(0);
+        (beside.gain(&columns).0, beside.values(&columns)[0])
     };
     let loose = Shape::Lag(forms::Lag::of(axes.to_vec()));
     let (gain, lag_ms) = says(problem, &loose);

@@ -1,16 +1,20 @@
 //! Other effects in the place of chosen ones, compared between the values of their grids: a coarse grid must not decide between
 //! names.
 
+use rayon::prelude::*;
+
 use super::super::constants::{HALF, LITTLE, NEARLY, SURE, TRIED};
 use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
+use super::beside::Beside;
+use super::joint::Joint;
 use super::problem::Problem;
-use super::refine::{Beside, STEPS, put};
+use super::refine::{STEPS, put};
 use super::select::{SWAP_GAIN, Selection, evidence};
 
-/// Gives the place to another effect whose non-linear parameters, once found between the values of the grid, explain more:
+/// Gives the place of each effect to another one whose non-linear parameters, once found between the values of the grid, explain more:
 /// a coarse grid must not decide between names.
 pub fn challenge(
     problem: &mut Problem,
@@ -18,18 +22,32 @@ pub fn challenge(
     filter: &Filter,
     library: &mut Library,
     selection: &mut Selection,
-    place: usize,
 ) {
+    let mut joint = Joint::new(problem, &selection.chosen);
+    for place in 0..selection.chosen.len() {
+        let all = (&*problem, session, filter, &*library);
+        if let Some((v, shape)) = rival(all, selection, &joint, place) {
+            put(problem, session, filter, library, v, shape);
+            selection.chosen[place] = v;
+            joint = Joint::new(problem, &selection.chosen);
+        }
+    }
+}
+
+/// The variant that takes a place, and its shape.
+fn rival(
+    (problem, session, filter, library): (&Problem, &Session, &Filter, &Library),
+    selection: &Selection,
+    joint: &Joint,
+    place: usize,
+) -> Option<(usize, Shape)> {
     let own = selection.chosen[place];
-    let others: Vec<usize> =
-        selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
-    let beside = Beside::new(problem, &others);
-    let given = Selection::given(problem, &others);
-    let now = selection.found(problem, library, &given, own);
-    let mut not: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+    let rest = joint.without(problem, &[place]);
+    let now = selection.brings(library, own, rest.gain(own));
+    let mut not: Vec<usize> = rest.others.iter().map(|v| library.variants[*v].label).collect();
     not.push(library.variants[own].label);
     let rivals: Vec<usize> = selection
-        .ranking(problem, library, &given, &not)
+        .ranked(library, &|v| rest.gain(v), &not)
         .into_iter()
         .filter(|f| {
             let shape = &library.variants[f.variant].shape;
@@ -40,20 +58,20 @@ pub fn challenge(
         .take(TRIED)
         .map(|f| f.variant)
         .collect();
-    let best = rivals
-        .into_iter()
+    if rivals.is_empty() {
+        return None;
+    }
+    let beside = Beside::new(problem, &rest.others);
+    let best: Vec<_> = rivals
+        .into_par_iter()
         .map(|v| {
             let (gain, rank, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
             let label = library.variants[v].label;
             (evidence(gain, rank, selection.grid[label]), v, shape)
         })
-        .max_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((e, v, shape)) = best
-        && e > now.evidence + SWAP_GAIN
-    {
-        put(problem, session, filter, library, v, shape);
-        selection.chosen[place] = v;
-    }
+        .collect();
+    let (e, v, shape) = best.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (e > now.evidence + SWAP_GAIN).then_some((v, shape))
 }
 
 /// Of two effects that take back what the other says the one that, refined alone, explains nearly as much as both.
@@ -141,14 +159,15 @@ pub fn one_worn_place(
             .collect();
         places.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let beside = Beside::new(problem, &others);
-        let best = places
-            .into_iter()
-            .take(TRIED)
+        places.truncate(TRIED);
+        let best: Vec<_> = places
+            .into_par_iter()
             .map(|(_, v)| {
                 let (gain, _, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
                 (gain, v, shape)
             })
-            .max_by(|a, b| a.0.total_cmp(&b.0));
+            .collect();
+        let best = best.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, worn, shape)) = best else { continue };
         let label = library.variants[worn].label;
         if evidence(gain, 1, selection.grid[label]) <= (1.0 - LITTLE) * sum {

@@ -5,11 +5,12 @@
 //! Source: `docs/explanation/diagnosis.md` (search, one name).
 
 use nalgebra::DMatrix;
+use rayon::prelude::*;
 
 use super::super::constants::{LITTLE, MOST, NEARLY, SURE};
-use super::super::library::{Library, Shape, forms};
+use super::super::library::{Library, Shape, Variant, forms};
 use super::super::noise::Random;
-use super::joint::{Joint, Rest};
+use super::joint::Joint;
 use super::problem::{Given, Problem};
 
 /// Price of a parameter beside its g-prior.
@@ -36,6 +37,8 @@ const STRAIGHT: &str = "scale";
 const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
 /// What noise takes of the gain of a swapped effect.
 pub const SAME_NOISE: f64 = 4.0;
+/// Variants that one processor takes at a time.
+const TOGETHER: usize = 16;
 /// A swap must bring this much evidence.
 pub const SWAP_GAIN: f64 = 0.5;
 
@@ -73,10 +76,10 @@ pub fn threshold(problem: &Problem, library: &Library, grid: &[usize], seed: u64
     let mut random = Random::new(seed);
     let n = problem.len();
     let noise = DMatrix::from_fn(n, DRAWS, |_, _| random.normal());
-    let products = &problem.w * noise;
+    let products = problem.products(&noise);
     let factors: Vec<_> = library
         .variants
-        .iter()
+        .par_iter()
         .enumerate()
         .map(|(v, _)| {
             let (at, k) = problem.span[v];
@@ -85,8 +88,9 @@ pub fn threshold(problem: &Problem, library: &Library, grid: &[usize], seed: u64
             super::pivoted_cholesky::Factor::new(k, &problem.own[v], &full)
         })
         .collect();
+    let products: Vec<_> = products.column_iter().collect();
     let mut highest: Vec<f64> = products
-        .column_iter()
+        .par_iter()
         .map(|b| {
             factors
                 .iter()
@@ -121,22 +125,26 @@ fn labels(library: &Library, variants: &[usize]) -> Vec<usize> {
 }
 
 impl Selection {
-    /// The best variant of every label beside what is given, best first; labels of `not` are left out.
-    #[must_use]
-    pub fn ranking(&self, problem: &Problem, library: &Library, given: &Given, not: &[usize]) -> Vec<Found> {
-        self.ranked(library, &|v| problem.gain(given, v), not)
-    }
-
-    /// The same with what each variant brings: drop of the sum of squares, and the number of its independent columns.
-    fn ranked(&self, library: &Library, gain: &dyn Fn(usize) -> (f64, usize), not: &[usize]) -> Vec<Found> {
+    /// The best variant of every label, best first, by what each brings: drop of the sum of squares, and the number of its independent
+    /// columns; labels of `not` are left out.
+    pub(crate) fn ranked(
+        &self,
+        library: &Library,
+        gain: &(dyn Fn(usize) -> (f64, usize) + Sync),
+        not: &[usize],
+    ) -> Vec<Found> {
+        let found = |(v, variant): (usize, &Variant)| {
+            let is_asked =
+                !not.contains(&variant.label) && !variant.shape.has_slope() && !self.banned.contains(&v);
+            is_asked.then(|| self.brings(library, v, gain(v)))
+        };
+        let variants = library.variants.par_iter().with_min_len(TOGETHER).enumerate();
+        let found: Vec<Option<Found>> = variants.map(found).collect();
         let mut best: Vec<Option<Found>> = vec![None; library.labels.len()];
-        for (v, variant) in library.variants.iter().enumerate() {
-            if not.contains(&variant.label) || variant.shape.has_slope() || self.banned.contains(&v) {
-                continue;
-            }
-            let found = self.brings(library, v, gain(v));
-            if best[variant.label].is_none_or(|b| found.evidence > b.evidence) {
-                best[variant.label] = Some(found);
+        for found in found.into_iter().flatten() {
+            let best = &mut best[library.variants[found.variant].label];
+            if best.is_none_or(|b| found.evidence > b.evidence) {
+                *best = Some(found);
             }
         }
         let mut all: Vec<Found> = best.into_iter().flatten().collect();
@@ -155,7 +163,7 @@ impl Selection {
         self.brings(library, variant, problem.gain_beside(others, variant))
     }
 
-    fn brings(&self, library: &Library, variant: usize, (gain, rank): (f64, usize)) -> Found {
+    pub(crate) fn brings(&self, library: &Library, variant: usize, (gain, rank): (f64, usize)) -> Found {
         let evidence = evidence(gain, rank, self.grid[library.variants[variant].label]);
         Found { variant, gain, rank, evidence }
     }
@@ -201,30 +209,33 @@ impl Selection {
 
     /// Runs the search from what is chosen.
     pub fn search(&mut self, problem: &mut Problem, library: &Library) {
+        if self.chosen.len() >= MOST {
+            return;
+        }
         // what led back to where the search has been: one effect in the place of two may say less than both
         let (mut in_vain, mut seen): (Vec<usize>, Vec<Vec<usize>>) = (Vec::new(), vec![self.state()]);
+        let mut joint = Joint::new(problem, &self.chosen);
         for _ in 0..4 * MOST {
             if self.chosen.len() >= MOST {
                 break;
             }
-            let given = Self::given(problem, &self.chosen);
             let labels = labels(library, &self.chosen);
-            let ranking = self.ranking(problem, library, &given, &labels);
+            let ranking = self.ranked(library, &|v| joint.gain(problem, v), &labels);
             let next = ranking
                 .iter()
                 .take_while(|f| f.evidence > self.threshold)
                 .take(MOST)
-                .find(|f| !in_vain.contains(&f.variant) && self.may_join(problem, &given, f))
+                .find(|f| !in_vain.contains(&f.variant) && self.may_join(problem, &joint, f))
                 .copied();
             let Some(next) = next else { break };
             self.chosen.push(next.variant);
+            joint.follow(problem, &self.chosen);
             if self.is_plain {
-                problem.prepare(&[next.variant]);
                 continue;
             }
-            self.swap(problem, library);
-            self.merge(problem, library);
-            self.backward(problem, library);
+            self.swap_in(&mut joint, problem, library);
+            self.merge_in(&joint, problem, library);
+            self.backward_in(&mut joint, problem, library);
             let state = self.state();
             if seen.contains(&state) {
                 in_vain.push(next.variant);
@@ -242,14 +253,14 @@ impl Selection {
     }
 
     /// A further effect must matter where it acts, or it is the misfit of a larger one.
-    fn may_join(&self, problem: &Problem, given: &Given, found: &Found) -> bool {
+    fn may_join(&self, problem: &Problem, joint: &Joint, found: &Found) -> bool {
         if self.chosen.is_empty() || self.is_plain {
             return true;
         }
         if found.gain < FURTHER_SHARE * problem.len() as f64 {
             return false;
         }
-        let earlier = problem.contribution(&given.columns, &problem.fit(given));
+        let earlier = problem.contribution(&joint.given.columns, &joint.beta);
         let (at, k) = problem.span[found.variant];
         let mut energy = vec![0.0; problem.cells];
         let mut acts = vec![0.0; problem.cells];
@@ -267,21 +278,24 @@ impl Selection {
 
     /// Swaps every effect against all others until nothing changes.
     pub fn swap(&mut self, problem: &mut Problem, library: &Library) {
+        self.swap_in(&mut Joint::new(problem, &self.chosen), problem, library);
+    }
+
+    fn swap_in(&mut self, joint: &mut Joint, problem: &mut Problem, library: &Library) {
         for _ in 0..4 {
             let (mut changed, mut first) = (false, 0);
             while first < self.chosen.len() {
-                problem.prepare(&self.chosen);
-                let joint = Joint::new(problem, &self.chosen);
                 let better = |place: usize| {
-                    let (others, own) = (self.without(&[place]), self.chosen[place]);
-                    let rest = Rest::new(&joint, &others, &[own]);
-                    let labels = labels(library, &others);
+                    let (rest, own) = (joint.without(problem, &[place]), self.chosen[place]);
+                    let labels = labels(library, &rest.others);
                     let now = self.brings(library, own, rest.gain(own)).evidence;
                     let best = self.ranked(library, &|v| rest.gain(v), &labels).first().copied()?;
                     (best.evidence > now + SWAP_GAIN && best.variant != own).then_some((place, best.variant))
                 };
-                let Some((place, variant)) = (first..self.chosen.len()).find_map(better) else { break };
+                let places = (first..self.chosen.len()).into_par_iter();
+                let Some((place, variant)) = places.find_map_first(better) else { break };
                 self.chosen[place] = variant;
+                joint.follow(problem, &self.chosen);
                 (changed, first) = (true, place + 1);
             }
             if !changed {
@@ -292,41 +306,33 @@ impl Selection {
 
     /// One effect in the place of two, where it explains as much.
     pub fn merge(&mut self, problem: &mut Problem, library: &Library) {
-        let n = self.chosen.len();
-        if n < 2 {
-            return;
-        }
-        problem.prepare(&self.chosen);
-        let joint = Joint::new(problem, &self.chosen);
-        let beside_all = |v: &usize| {
-            let others = || self.chosen.iter().copied().filter(|o| o != v).collect::<Vec<_>>();
-            let gain = joint.without(&[*v]).map(|rest| rest.gain_of_these());
-            self.brings(library, *v, gain.unwrap_or_else(|| problem.gain_beside(&others(), *v))).evidence
+        self.merge_in(&Joint::new(problem, &self.chosen), problem, library);
+    }
+
+    fn merge_in(&mut self, joint: &Joint, problem: &Problem, library: &Library) {
+        let last = self.alone(joint, problem, library);
+        let instead = |(a, b): (usize, usize)| {
+            let (rest, first, second) = (joint.without(problem, &[a, b]), self.chosen[a], self.chosen[b]);
+            let now = self.brings(library, first, rest.gain(first)).evidence + last[b];
+            let labels = labels(library, &rest.others);
+            let best = self.ranked(library, &|v| rest.gain(v), &labels).first().copied()?;
+            let is_one = best.evidence > now
+                || best.evidence > NEARLY * now && problem.cosine(&joint.given, [first, second]) < -NEARLY;
+            is_one.then(|| [&rest.others[..], &[best.variant]].concat())
         };
-        let last: Vec<f64> = self.chosen.iter().map(beside_all).collect();
-        for a in 0..n {
-            for b in a + 1..n {
-                let others = self.without(&[a, b]);
-                let (first, second) = (self.chosen[a], self.chosen[b]);
-                let rest = Rest::new(&joint, &others, &[first, second]);
-                let now = self.brings(library, first, rest.gain(first)).evidence + last[b];
-                let labels = labels(library, &others);
-                if let Some(best) = self.ranked(library, &|v| rest.gain(v), &labels).first()
-                    && (best.evidence > now
-                        || best.evidence > NEARLY * now && self.cancel(problem, [first, second]))
-                {
-                    let variant = best.variant;
-                    self.chosen = others;
-                    self.chosen.push(variant);
-                    return;
-                }
-            }
+        let n = self.chosen.len();
+        let pairs: Vec<(usize, usize)> = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).collect();
+        if let Some(chosen) = pairs.into_par_iter().find_map_first(instead) {
+            self.chosen = chosen;
         }
     }
 
-    /// True where each of two chosen effects takes back what the other says.
-    fn cancel(&self, problem: &Problem, pair: [usize; 2]) -> bool {
-        problem.cosine(&problem.given(&self.chosen), pair) < -NEARLY
+    /// Evidence of each effect beside all others.
+    fn alone(&self, joint: &Joint, problem: &Problem, library: &Library) -> Vec<f64> {
+        let evidence = |(place, v): (usize, &usize)| {
+            self.brings(library, *v, joint.without(problem, &[place]).gain(*v)).evidence
+        };
+        self.chosen.par_iter().enumerate().map(evidence).collect()
     }
 
     /// Leaves one name to what is one thing with two: a table of positions and a worn place of the same axis, lost motion and
@@ -431,18 +437,17 @@ impl Selection {
 
     /// Takes out what the others have made superfluous.
     fn backward(&mut self, problem: &mut Problem, library: &Library) {
+        self.backward_in(&mut Joint::new(problem, &self.chosen), problem, library);
+    }
+
+    fn backward_in(&mut self, joint: &mut Joint, problem: &mut Problem, library: &Library) {
         loop {
-            problem.prepare(&self.chosen);
-            let beside = |place: usize| {
-                let others = self.without(&[place]);
-                (place, self.found_beside(problem, library, &others, self.chosen[place]).evidence)
-            };
-            match (0..self.chosen.len()).map(beside).min_by(|a, b| a.1.total_cmp(&b.1)) {
-                Some((place, e)) if e < self.threshold => {
-                    self.chosen.remove(place);
-                }
+            joint.follow(problem, &self.chosen);
+            let each = self.alone(joint, problem, library);
+            match (0..each.len()).min_by(|a, b| each[*a].total_cmp(&each[*b])) {
+                Some(place) if each[place] < self.threshold => self.chosen.remove(place),
                 _ => break,
-            }
+            };
         }
     }
 }

@@ -1,0 +1,108 @@
+//! What columns outside the library bring beside effects that stay: decomposed once, so that the many shapes that a refinement tries
+//! cost their products with them alone.
+
+use rayon::prelude::*;
+
+use super::super::library::Shape;
+use super::super::noise::Filter;
+use super::super::session::Session;
+use super::pivoted_cholesky::{Factor, dot};
+use super::problem::Problem;
+use super::refine::{STEPS, is_local};
+
+/// Most moves with one step.
+const MOVES: usize = 6;
+
+/// Whitened columns, a value per row of the problem each.
+pub(super) type Columns = Vec<Vec<f64>>;
+
+/// The effects that stay, for what is compared beside them.
+pub(super) struct Beside {
+    columns: Columns,
+    factor: Factor,
+    y: Vec<f64>,
+    /// `L^-1` times the products of the columns with the gap.
+    z: Vec<f64>,
+}
+
+impl Beside {
+    pub(super) fn new(problem: &Problem, others: &[usize]) -> Self {
+        let columns = others.iter().flat_map(|v| problem.columns(*v));
+        let columns: Columns = columns.map(|c| problem.w.row(c).iter().copied().collect()).collect();
+        let y: Vec<f64> = problem.y.iter().copied().collect();
+        let n = columns.len();
+        let mut g = vec![0.0; n * n];
+        // the decomposition reads one half
+        g.par_chunks_mut(n.max(1)).enumerate().for_each(|(i, row)| {
+            row.iter_mut().zip(&columns[..=i]).for_each(|(v, other)| *v = dot(&columns[i], other));
+        });
+        let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
+        let factor = Factor::new(n, &g, &full);
+        let z = factor.forward(&columns.iter().map(|c| dot(c, &y)).collect::<Vec<_>>());
+        Self { columns, factor, y, z }
+    }
+
+    /// Decomposition of the products of columns with each other beside what stays, and their products with the gap beside it.
+    fn rest(&self, more: &Columns) -> (Factor, Vec<f64>) {
+        let k = more.len();
+        let mut with = vec![Vec::with_capacity(self.columns.len()); k];
+        for other in &self.columns {
+            with.iter_mut().zip(more).for_each(|(w, c)| w.push(dot(other, c)));
+        }
+        let known: Columns = with.iter().map(|w| self.factor.forward(w)).collect();
+        let (mut g, mut full) = (vec![0.0; k * k], Vec::with_capacity(k));
+        for i in 0..k {
+            for j in 0..=i {
+                let product = dot(&more[i], &more[j]);
+                let left = product - dot(&known[i], &known[j]);
+                (g[i * k + j], g[j * k + i]) = (left, left);
+                if i == j {
+                    full.push(product);
+                }
+            }
+        }
+        let b = more.iter().zip(&known).map(|(c, a)| dot(c, &self.y) - dot(a, &self.z)).collect();
+        (Factor::new(k, &g, &full), b)
+    }
+
+    /// Drop of the sum of squares by columns beside what stays, and how many of them are independent of it.
+    pub(super) fn gain(&self, more: &Columns) -> (f64, usize) {
+        let (factor, b) = self.rest(more);
+        (factor.gain(&b), factor.rank())
+    }
+
+    /// The values of columns beside what stays.
+    pub(super) fn values(&self, more: &Columns) -> Vec<f64> {
+        let (factor, b) = self.rest(more);
+        factor.solve(&b)
+    }
+
+    /// What a shape brings with the best values near its own, the number of its independent columns, and that shape.
+    pub(super) fn best(
+        &self,
+        problem: &Problem,
+        session: &Session,
+        filter: &Filter,
+        shape: &Shape,
+    ) -> (f64, usize, Shape) {
+        let gains = |shapes: &[&Shape]| -> Vec<(f64, usize)> {
+            problem.whitened(session, filter, shapes).par_iter().map(|c| self.gain(c)).collect()
+        };
+        let mut best = (gains(&[shape])[0], shape.clone());
+        for step in STEPS {
+            for _ in 0..MOVES {
+                let mut near = best.1.neighbours(step);
+                near.retain(|s| is_local(session, s));
+                if near.is_empty() {
+                    break;
+                }
+                let gains = gains(&near.iter().collect::<Vec<_>>());
+                let better = gains.into_iter().zip(near).filter(|(g, _)| g.0 > best.0.0 + 1e-6);
+                let Some(found) = better.max_by(|a, b| a.0.0.total_cmp(&b.0.0)) else { break };
+                best = found;
+            }
+        }
+        let ((gain, rank), shape) = best;
+        (gain, rank, shape)
+    }
+}
