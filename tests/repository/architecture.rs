@@ -54,6 +54,7 @@ const PURE_MAY_USE: &[&str] = &[
     "encoding_rs",
     "lz4_flex",
     "nalgebra",
+    "rayon",
     "roxmltree",
     "serde",
     "serde_json",
