@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::super::library::Shape;
 use super::super::noise::Filter;
 use super::super::session::Session;
-use super::pivoted_cholesky::{Factor, dot};
+use super::pivoted_cholesky::{Factor, Rest, dot};
 use super::problem::Problem;
 use super::refine::{STEPS, is_local};
 
@@ -44,25 +44,19 @@ impl Beside {
 
     /// Decomposition of the products of columns with each other beside what stays, and their products with the gap beside it.
     fn rest(&self, more: &Columns) -> (Factor, Vec<f64>) {
-        let k = more.len();
-        let mut with = vec![Vec::with_capacity(self.columns.len()); k];
-        for other in &self.columns {
-            with.iter_mut().zip(more).for_each(|(w, c)| w.push(dot(other, c)));
+        let (k, n) = (more.len(), self.columns.len());
+        let mut with = vec![0.0; k * n];
+        for (i, other) in self.columns.iter().enumerate() {
+            more.iter().enumerate().for_each(|(j, c)| with[j * n + i] = dot(other, c));
         }
-        let known: Columns = with.iter().map(|w| self.factor.forward(w)).collect();
-        let (mut g, mut full) = (vec![0.0; k * k], Vec::with_capacity(k));
+        let mut g = vec![0.0; k * k];
         for i in 0..k {
-            for j in 0..=i {
-                let product = dot(&more[i], &more[j]);
-                let left = product - dot(&known[i], &known[j]);
-                (g[i * k + j], g[j * k + i]) = (left, left);
-                if i == j {
-                    full.push(product);
-                }
-            }
+            (0..=i).for_each(|j| g[i * k + j] = dot(&more[i], &more[j]));
         }
-        let b = more.iter().zip(&known).map(|(c, a)| dot(c, &self.y) - dot(a, &self.z)).collect();
-        (Factor::new(k, &g, &full), b)
+        let full: Vec<f64> = (0..k).map(|i| g[i * k + i]).collect();
+        let b = more.iter().map(|c| dot(c, &self.y)).collect();
+        let rest = Rest::new(&self.factor, &self.z, with, g, b);
+        (Factor::new(k, &rest.g, &full), rest.b)
     }
 
     /// Drop of the sum of squares by columns beside what stays, and how many of them are independent of it.

@@ -8,8 +8,9 @@
 use rayon::prelude::*;
 
 use super::super::constants::DEGENERATE;
-use super::pivoted_cholesky::{Factor, dot};
-use super::problem::{Given, Problem, Rest};
+use super::pivoted_cholesky::{Factor, Rest, dot};
+use super::problem::{Given, Problem};
+use super::select::others;
 
 /// The effects chosen, all of them in.
 pub(crate) struct Joint {
@@ -58,8 +59,6 @@ impl Joint {
 
     /// The effects without those at some places.
     pub(crate) fn without<'a>(&'a self, problem: &'a Problem, places: &[usize]) -> Without<'a> {
-        let is_out = |place: &usize| places.contains(place);
-        let others = (0..self.chosen.len()).filter(|p| !is_out(p)).map(|p| self.chosen[p]).collect();
         let is_out = |c: &usize| places.iter().any(|p| problem.columns(self.chosen[*p]).contains(c));
         let columns = self.given.columns.iter().zip(self.given.factor.kept()).enumerate();
         let all = self.beta.len();
@@ -71,7 +70,7 @@ impl Joint {
         let mut without = Without {
             joint: self,
             problem,
-            others,
+            others: others(&self.chosen, places),
             factor: Factor::new(m, &block, &full),
             spanned: Vec::new(),
             of_gap: Vec::new(),

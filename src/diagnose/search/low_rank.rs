@@ -6,8 +6,9 @@ use rayon::prelude::*;
 /// Least variance of a direction that changes anything, 1 is the noise.
 pub(super) const TELLS: f64 = 0.01;
 
-/// Rows or columns that one processor takes at a time.
+/// Rows or columns that one processor takes at a time, and rows of the problem whose products are summed at a time.
 const BLOCK: usize = 256;
+const ROWS: usize = 512;
 
 /// Noise along some directions; whitening is `(1 + U U')^-1/2`.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,11 +62,7 @@ impl LowRank {
             return;
         }
         let w = DMatrixView::from_slice(data, width, rows);
-        let blocks: Vec<usize> = (0..width).step_by(BLOCK).collect();
-        let along = |at: &usize| w.rows(*at, BLOCK.min(width - at)) * &self.basis;
-        let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(along).collect();
-        let mut along = DMatrix::zeros(width, self.basis.ncols());
-        blocks.iter().zip(&parts).for_each(|(at, part)| along.rows_mut(*at, part.nrows()).copy_from(part));
+        let mut along = product(&w, &self.basis);
         for (mut column, c) in along.column_iter_mut().zip(self.change(back).iter()) {
             column *= *c;
         }
@@ -75,6 +72,28 @@ impl LowRank {
             DMatrixViewMut::from_slice(data, width, n).gemm(1.0, &along, &basis, 1.0);
         });
     }
+}
+
+/// `w` (a matrix column per row of the problem) times some vectors, a value per row of the problem each.
+pub(super) fn product(w: &DMatrixView<'_, f64>, some: &DMatrix<f64>) -> DMatrix<f64> {
+    let (width, rows) = w.shape();
+    let chunks = (0..rows).step_by(ROWS).map(|at| (at, ROWS.min(rows - at)));
+    // most effects act in some of the programs
+    let acts = |(at, n): &(usize, usize)| some.rows(*at, *n).iter().any(|v| *v != 0.0);
+    let chunks: Vec<(usize, usize)> = chunks.filter(acts).collect();
+    let blocks: Vec<(usize, usize)> =
+        (0..width).step_by(BLOCK).map(|at| (at, BLOCK.min(width - at))).collect();
+    let of_block = |(first, wide): &(usize, usize)| {
+        let mut sums = DMatrix::zeros(*wide, some.ncols());
+        for (at, n) in &chunks {
+            sums.gemm(1.0, &w.view((*first, *at), (*wide, *n)), &some.rows(*at, *n), 1.0);
+        }
+        sums
+    };
+    let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(of_block).collect();
+    let mut all = DMatrix::zeros(width, some.ncols());
+    blocks.iter().zip(&parts).for_each(|((at, wide), part)| all.rows_mut(*at, *wide).copy_from(part));
+    all
 }
 
 #[cfg(test)]

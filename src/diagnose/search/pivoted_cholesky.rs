@@ -101,6 +101,40 @@ impl Factor {
     }
 }
 
+/// What is left of some columns beside decomposed ones.
+pub(super) struct Rest {
+    /// `L^-1` times the products of each of the columns with the decomposed ones, one column after the other.
+    pub with: Vec<f64>,
+    /// Products of the columns with each other, row by row.
+    pub g: Vec<f64>,
+    /// Products with the gap.
+    pub b: Vec<f64>,
+}
+
+impl Rest {
+    /// From the products of the columns with the decomposed ones, with each other and with the gap; `z` is `L^-1` times the products of
+    /// the decomposed ones with the gap.
+    pub(super) fn new(
+        factor: &Factor,
+        z: &[f64],
+        mut with: Vec<f64>,
+        mut g: Vec<f64>,
+        mut b: Vec<f64>,
+    ) -> Self {
+        let (k, n) = (b.len(), z.len());
+        with.chunks_exact_mut(n.max(1)).for_each(|column| factor.forward_in(column));
+        let column = |i: usize| &with[i * n..][..n];
+        for i in 0..k {
+            for j in 0..=i {
+                g[i * k + j] -= dot(column(i), column(j));
+                g[j * k + i] = g[i * k + j];
+            }
+            b[i] -= dot(column(i), z);
+        }
+        Self { with, g, b }
+    }
+}
+
 /// Product of two columns, in several sums at a time.
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     DVectorView::from_slice(a, a.len()).dot(&DVectorView::from_slice(b, b.len()))

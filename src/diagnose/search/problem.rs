@@ -13,14 +13,14 @@ use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::beside::Columns;
 use super::data_partition::{Places, blocks, programs};
-use super::low_rank::LowRank;
-use super::pivoted_cholesky::{Factor, dot};
+use super::low_rank::{LowRank, product};
+use super::pivoted_cholesky::{Factor, Rest, dot};
 use super::raw_columns::{RawColumns, raw, raw_columns};
 use super::variation::Variation;
 
-/// Readings and columns that one processor takes at a time.
+/// Fewest readings that one processor takes at a time, and most parts into which they are divided: each has sums of its own.
 const ROWS: usize = 512;
-const BLOCK: usize = 256;
+const PARTS: usize = 64;
 
 /// Readings, columns and what was computed of them.
 pub struct Problem {
@@ -196,25 +196,7 @@ impl Problem {
 
     /// Products of some vectors, a value per row of the problem each, with all columns; a matrix column each.
     pub(super) fn products(&self, some: &DMatrix<f64>) -> DMatrix<f64> {
-        let width = self.b.len();
-        let blocks: Vec<Range<usize>> =
-            (0..width).step_by(BLOCK).map(|at| at..width.min(at + BLOCK)).collect();
-        let chunks = (0..self.len()).step_by(ROWS).map(|at| (at, ROWS.min(self.len() - at)));
-        // most effects act in some of the programs
-        let acts = |(at, n): &(usize, usize)| some.rows(*at, *n).iter().any(|v| *v != 0.0);
-        let chunks: Vec<(usize, usize)> = chunks.filter(acts).collect();
-        let of_block = |block: &Range<usize>| {
-            let mut sums = DMatrix::zeros(block.len(), some.ncols());
-            for (at, n) in &chunks {
-                let w = self.w.view((block.start, *at), (block.len(), *n));
-                sums.gemm(1.0, &w, &some.rows(*at, *n), 1.0);
-            }
-            sums
-        };
-        let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(of_block).collect();
-        let mut products = DMatrix::zeros(width, some.ncols());
-        blocks.iter().zip(&parts).for_each(|(b, part)| products.rows_mut(b.start, b.len()).copy_from(part));
-        products
+        product(&self.w.as_view(), some)
     }
 
     /// The columns of a variant.
@@ -355,7 +337,7 @@ impl Problem {
     }
 
     /// Squares of columns: 1, or 0 of those that are zero.
-    fn full(&self, columns: impl Iterator<Item = usize>) -> Vec<f64> {
+    pub(super) fn full(&self, columns: impl Iterator<Item = usize>) -> Vec<f64> {
         columns.map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect()
     }
 
@@ -387,23 +369,10 @@ impl Problem {
     /// What is left of a variant beside what is given.
     pub(super) fn rest(&self, given: &Given, variant: usize) -> Rest {
         let own = self.columns(variant);
-        let (k, n) = (own.len(), given.columns.len());
         let cross = || given.chosen.iter().filter_map(|v| self.cross.get(v)).flat_map(DMatrix::column_iter);
-        let mut with = Vec::with_capacity(k * n);
-        for (j, c) in own.clone().enumerate() {
-            with.extend(cross().map(|products| products[c]));
-            given.factor.forward_in(&mut with[j * n..]);
-        }
-        let row = |i: usize| &with[i * n..][..n];
-        let mut g = self.own[variant].clone();
-        for i in 0..k {
-            for j in 0..=i {
-                g[i * k + j] -= dot(row(i), row(j));
-                g[j * k + i] = g[i * k + j];
-            }
-        }
-        let b = own.enumerate().map(|(i, c)| self.b[c] - dot(row(i), &given.z)).collect();
-        Rest { with, g, b }
+        let with = own.clone().flat_map(|c| cross().map(move |products| products[c])).collect();
+        let b = self.b.as_slice()[own].to_vec();
+        Rest::new(&given.factor, &given.z, with, self.own[variant].clone(), b)
     }
 
     /// Parameters of the chosen variants, in the whitened scale, in the order of their columns.
@@ -453,16 +422,6 @@ pub struct Given {
     pub explained: f64,
 }
 
-/// What is left of a variant beside the columns that are in.
-pub(super) struct Rest {
-    /// `L^-1` times the products of each of its columns with those that are in, one column after the other.
-    pub with: Vec<f64>,
-    /// Products of its columns with each other, row by row.
-    pub g: Vec<f64>,
-    /// Products with the gap.
-    pub b: Vec<f64>,
-}
-
 impl Given {
     /// Covariance of the parameters in the whitened scale, row by row.
     #[must_use]
@@ -494,7 +453,7 @@ impl Scaled {
         span: &[(usize, usize)],
         seen: impl Fn(usize, f64) -> bool,
     ) -> Self {
-        let (rows, width) = (ROWS.min(y.len()).max(1), w.nrows().max(1));
+        let (rows, width) = (ROWS.max(y.len().div_ceil(PARTS)), w.nrows().max(1));
         let sums = |(data, y): (&[f64], &[f64])| {
             let w = DMatrixView::from_slice(data, width, y.len());
             // of wide variants a product of matrices, of narrow ones sums in one pass over all

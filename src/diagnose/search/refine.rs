@@ -6,7 +6,7 @@ use super::super::noise::Filter;
 use super::super::session::Session;
 use super::beside::Beside;
 use super::problem::Problem;
-use super::select::Selection;
+use super::select::{Selection, others};
 
 /// First and last relative step.
 pub(super) const STEPS: [f64; 6] = [0.25, 0.12, 0.05, 0.02, 0.008, 0.003];
@@ -35,9 +35,7 @@ pub fn refine(
     if shape.neighbours(STEPS[0]).is_empty() {
         return;
     }
-    let others: Vec<usize> =
-        chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
-    let beside = Beside::new(problem, &others);
+    let beside = Beside::new(problem, &others(chosen, &[place]));
     (.., shape) = beside.best(problem, session, filter, &shape);
     put(problem, session, filter, library, variant, shape);
 }

@@ -11,6 +11,7 @@ use super::super::constants::{LITTLE, MOST, NEARLY, SURE};
 use super::super::library::{Library, Shape, Variant, forms};
 use super::super::noise::Random;
 use super::joint::Joint;
+use super::pivoted_cholesky::Factor;
 use super::problem::{Given, Problem};
 
 /// Price of a parameter beside its g-prior.
@@ -82,10 +83,8 @@ pub fn threshold(problem: &Problem, library: &Library, grid: &[usize], seed: u64
         .par_iter()
         .enumerate()
         .map(|(v, _)| {
-            let (at, k) = problem.span[v];
-            let full: Vec<f64> =
-                (at..at + k).map(|c| if problem.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
-            super::pivoted_cholesky::Factor::new(k, &problem.own[v], &full)
+            let full = problem.full(problem.columns(v));
+            Factor::new(full.len(), &problem.own[v], &full)
         })
         .collect();
     let products: Vec<_> = products.column_iter().collect();
@@ -118,6 +117,11 @@ pub struct Found {
     pub rank: usize,
     /// Evidence.
     pub evidence: f64,
+}
+
+/// The variants but those at some places.
+pub(super) fn others(variants: &[usize], places: &[usize]) -> Vec<usize> {
+    variants.iter().enumerate().filter(|(i, _)| !places.contains(i)).map(|(_, v)| *v).collect()
 }
 
 fn labels(library: &Library, variants: &[usize]) -> Vec<usize> {
@@ -199,7 +203,7 @@ impl Selection {
     /// Everything chosen but some places.
     #[must_use]
     pub fn without(&self, places: &[usize]) -> Vec<usize> {
-        self.chosen.iter().enumerate().filter(|(i, _)| !places.contains(i)).map(|(_, v)| *v).collect()
+        others(&self.chosen, places)
     }
 
     pub(super) fn given(problem: &mut Problem, chosen: &[usize]) -> Given {
