@@ -39,11 +39,7 @@ pub(super) fn contributions(
     let folds = FOLDS.min(problem.blocks.max(2));
     let mut g = vec![nalgebra::DMatrix::<f64>::zeros(n, n); folds];
     let mut b = vec![nalgebra::DVector::<f64>::zeros(n); folds];
-    let mut x = nalgebra::DVector::<f64>::zeros(n);
-    for (i, row) in problem.w.column_iter().enumerate() {
-        for (x, c) in x.iter_mut().zip(columns) {
-            *x = row[*c];
-        }
+    for (i, x) in problem.whitened_rows(columns).column_iter().enumerate() {
         let f = fold_of(problem.block[i], problem.blocks);
         g[f].ger(1.0, &x, &x, 1.0);
         b[f].axpy(problem.y[i], &x, 1.0);

@@ -1,6 +1,6 @@
 //! What a plan can see, before anyone measures: blind spots, and effects that it cannot tell apart.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 use super::constants::{ASSUMED, NEARLY};
@@ -72,7 +72,7 @@ fn classes(problem: &Problem, library: &Library, seen: &[usize]) -> Vec<Vec<usiz
         if size <= 0.0 {
             continue;
         }
-        let products = &problem.w * &signal;
+        let products = problem.products(&DMatrix::from_column_slice(signal.len(), 1, signal.as_slice()));
         for b in seen.iter().filter(|b| *b != a) {
             let best = by_label[*b]
                 .iter()

@@ -27,8 +27,9 @@ pub(super) struct Beside {
 
 impl Beside {
     pub(super) fn new(problem: &Problem, others: &[usize]) -> Self {
-        let columns = others.iter().flat_map(|v| problem.columns(*v));
-        let columns: Columns = columns.map(|c| problem.w.row(c).iter().copied().collect()).collect();
+        let columns: Vec<usize> = others.iter().flat_map(|v| problem.columns(*v)).collect();
+        let rows = problem.whitened_rows(&columns);
+        let columns: Columns = rows.row_iter().map(|c| c.iter().copied().collect()).collect();
         let y: Vec<f64> = problem.y.iter().copied().collect();
         let n = columns.len();
         let mut g = vec![0.0; n * n];

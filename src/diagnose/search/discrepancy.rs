@@ -94,7 +94,7 @@ impl<'a> Sets<'a> {
             span.push((at, k));
             at += k;
         }
-        let mut all = problem.w.select_rows(&rows).insert_row(at, 0.0);
+        let mut all = problem.whitened_rows(&rows).insert_row(at, 0.0);
         all.row_mut(at).copy_from(&problem.y.transpose());
         let (own, with, among) = (&all * all.transpose(), &all * columns, columns.tr_mul(columns));
         Self { selection, library, span, own, with, among }
@@ -267,7 +267,7 @@ mod tests {
         let sets = Sets::new(&problem, &case.library, &case.selection, &case.waves);
         let products = Products::beside(&sets, Some(2.0)).unwrap();
         let joined = LowRank::of(&case.waves, 2.0);
-        let (mut w, mut y) = (problem.w.clone(), problem.y.clone());
+        let (mut w, mut y) = (problem.whitened_rows(&[0, 1]), problem.y.clone());
         joined.turn(w.as_mut_slice(), false);
         joined.turn(y.as_mut_slice(), false);
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * (1.0 + b.abs()), "{a} {b}");

@@ -103,7 +103,7 @@ fn parts(
 ) -> Vec<Part> {
     let mut rows = vec![Vec::new(); count];
     (0..problem.len()).for_each(|i| rows[of(i)].push(i));
-    let own = problem.w.select_rows(columns);
+    let own = problem.whitened_rows(columns);
     let part = |rows: &Vec<usize>| {
         let (x, y) = (own.select_columns(rows), y.select_rows(rows));
         let (g, b) = (&x * x.transpose(), &x * &y);

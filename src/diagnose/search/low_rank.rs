@@ -1,14 +1,14 @@
 //! Noise of low rank beside what the filter whitens: variances along some orthonormal directions.
 
-use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView, SymmetricEigen};
 use rayon::prelude::*;
 
 /// Least variance of a direction that changes anything, 1 is the noise.
 pub(super) const TELLS: f64 = 0.01;
 
-/// Rows or columns that one processor takes at a time, and rows of the problem whose products are summed at a time.
-const BLOCK: usize = 256;
-const ROWS: usize = 512;
+/// Fewest rows whose products one processor sums, and most parts that have sums of their own.
+const ROWS: usize = 256;
+const PARTS: usize = 32;
 
 /// Noise along some directions; whitening is `(1 + U U')^-1/2`.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,43 +57,96 @@ impl LowRank {
     /// Whitens columns in place, or back: a row of values, one of each column, per row of the problem.
     pub(crate) fn turn(&self, data: &mut [f64], back: bool) {
         let rows = self.basis.nrows();
-        let width = data.len() / rows.max(1);
-        if width == 0 {
-            return;
+        let mut columns = DMatrixView::from_slice(data, data.len() / rows.max(1), rows).transpose();
+        let mut along = self.basis.tr_mul(&columns);
+        let change = self.change(back);
+        along.column_iter_mut().for_each(|mut a| a.component_mul_assign(&change));
+        columns.gemm(1.0, &self.basis, &along, 1.0);
+        data.copy_from_slice(columns.transpose().as_slice());
+    }
+
+    /// The directions, each by the root of the share that whitening takes along it, a matrix row each.
+    fn taken(&self) -> DMatrix<f64> {
+        let mut taken = self.basis.transpose();
+        for (mut row, v) in taken.row_iter_mut().zip(self.variance.iter()) {
+            row *= (v / (1.0 + v)).sqrt();
         }
-        let w = DMatrixView::from_slice(data, width, rows);
-        let mut along = product(&w, &self.basis);
-        for (mut column, c) in along.column_iter_mut().zip(self.change(back).iter()) {
-            column *= *c;
-        }
-        data.par_chunks_mut(width * BLOCK).enumerate().for_each(|(k, data)| {
-            let n = data.len() / width;
-            let basis = self.basis.rows(k * BLOCK, n).transpose();
-            DMatrixViewMut::from_slice(data, width, n).gemm(1.0, &along, &basis, 1.0);
-        });
+        taken
     }
 }
+
+/// Noise that joined, and what it takes of columns that stay as they are: whitened by it too, their products are those before less the
+/// products of what lies along its directions (Woodbury). So it joins at the price of these, and leaves at none.
+pub(super) struct Joined {
+    noise: LowRank,
+    /// The directions among columns that no noise has whitened, a matrix row each.
+    directions: DMatrix<f64>,
+    /// What of each column lies along them, a matrix column each.
+    along: DMatrix<f64>,
+    /// What of the gap does.
+    of_gap: DVector<f64>,
+}
+
+impl Joined {
+    /// Noise that joins after some other for columns (a matrix row each) and a gap that no noise has whitened.
+    pub(super) fn new(noise: LowRank, before: &[Self], w: &DMatrix<f64>, y: &DVector<f64>) -> Self {
+        let mut directions = noise.taken();
+        before.iter().rev().for_each(|b| b.turn(directions.as_mut_slice(), false));
+        let along = product(&w.as_view(), &directions.transpose()).transpose();
+        let of_gap = &directions * y;
+        Self { noise, directions, along, of_gap }
+    }
+
+    pub(super) const fn noise(&self) -> &LowRank {
+        &self.noise
+    }
+
+    pub(super) fn turn(&self, data: &mut [f64], back: bool) {
+        self.noise.turn(data, back);
+    }
+
+    /// Takes a column for another one, a value per row of the problem.
+    pub(super) fn replace(&mut self, column: usize, values: &DVectorView<'_, f64>) {
+        self.along.set_column(column, &(&self.directions * values));
+    }
+
+    /// What it takes of the product of two columns.
+    pub(super) fn of_columns(&self, [a, b]: [usize; 2]) -> f64 {
+        self.along.column(a).dot(&self.along.column(b))
+    }
+
+    /// What it takes of the product of a column with the gap.
+    pub(super) fn of_gap(&self, column: usize) -> f64 {
+        self.along.column(column).dot(&self.of_gap)
+    }
+}
+
+/// Most vectors whose products are summed row by row, in one pass over the columns.
+const NARROW: usize = 8;
 
 /// `w` (a matrix column per row of the problem) times some vectors, a value per row of the problem each.
 pub(super) fn product(w: &DMatrixView<'_, f64>, some: &DMatrix<f64>) -> DMatrix<f64> {
     let (width, rows) = w.shape();
-    let chunks = (0..rows).step_by(ROWS).map(|at| (at, ROWS.min(rows - at)));
+    // sums over the same rows whatever the number of processors, and in the order in which `w` lies
+    let each = ROWS.max(rows.div_ceil(PARTS));
+    let chunks = (0..rows).step_by(each).map(|at| (at, each.min(rows - at)));
     // most effects act in some of the programs
     let acts = |(at, n): &(usize, usize)| some.rows(*at, *n).iter().any(|v| *v != 0.0);
     let chunks: Vec<(usize, usize)> = chunks.filter(acts).collect();
-    let blocks: Vec<(usize, usize)> =
-        (0..width).step_by(BLOCK).map(|at| (at, BLOCK.min(width - at))).collect();
-    let of_block = |(first, wide): &(usize, usize)| {
-        let mut sums = DMatrix::zeros(*wide, some.ncols());
-        for (at, n) in &chunks {
-            sums.gemm(1.0, &w.view((*first, *at), (*wide, *n)), &some.rows(*at, *n), 1.0);
+    let of_chunk = |(at, n): &(usize, usize)| {
+        if some.ncols() > NARROW {
+            return w.columns(*at, *n) * some.rows(*at, *n);
+        }
+        let mut sums = DMatrix::zeros(width, some.ncols());
+        for i in *at..at + n {
+            for (mut sum, value) in sums.column_iter_mut().zip(some.row(i).iter()).filter(|s| *s.1 != 0.0) {
+                sum.axpy(*value, &w.column(i), 1.0);
+            }
         }
         sums
     };
-    let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(of_block).collect();
-    let mut all = DMatrix::zeros(width, some.ncols());
-    blocks.iter().zip(&parts).for_each(|((at, wide), part)| all.rows_mut(*at, *wide).copy_from(part));
-    all
+    let parts: Vec<DMatrix<f64>> = chunks.par_iter().map(of_chunk).collect();
+    parts.iter().fold(DMatrix::zeros(width, some.ncols()), |all, part| all + part)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DMatrixView, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 use rayon::prelude::*;
 
 use super::super::constants::{BLOCKS_MIN, MOVES, SEEN};
@@ -13,7 +13,7 @@ use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::beside::Columns;
 use super::data_partition::{Places, blocks, programs};
-use super::low_rank::{LowRank, product};
+use super::low_rank::{Joined, LowRank, product};
 use super::pivoted_cholesky::{Factor, Rest, dot};
 use super::raw_columns::{RawColumns, raw, raw_columns};
 use super::variation::Variation;
@@ -21,6 +21,8 @@ use super::variation::Variation;
 /// Fewest readings that one processor takes at a time, and most parts into which they are divided: each has sums of its own.
 const ROWS: usize = 512;
 const PARTS: usize = 64;
+/// Share of the square of a column that whitening must leave.
+const LEAST: f64 = 1e-9;
 
 /// Readings, columns and what was computed of them.
 pub struct Problem {
@@ -28,11 +30,15 @@ pub struct Problem {
     pub rows: Vec<usize>,
     /// Whitened gap.
     pub y: DVector<f64>,
-    /// Whitened columns of length 1, one matrix column per row of the problem.
-    pub w: DMatrix<f64>,
+    /// Columns and gap before noise of low rank joined.
+    plain: Plain,
+    /// Noise of low rank, in the order in which it joined: a discrepancy, the variation of effects.
+    joined: Vec<Joined>,
+    /// By what a column is multiplied for unit length; 0 of one that is taken for none.
+    unit: Vec<f64>,
     /// First column and number of columns of each variant.
     pub span: Vec<(usize, usize)>,
-    /// Length of each whitened column before it was scaled.
+    /// Length of each whitened column before it was scaled to 1.
     pub norm: Vec<f64>,
     /// Share of each variant that offsets and drift leave.
     pub seen: Vec<f64>,
@@ -52,11 +58,22 @@ pub struct Problem {
     pub blocks: usize,
     /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
     pub precise: bool,
-    /// What varies smoothly over the volume and no effect describes, whitened as noise is.
-    discrepancy: Option<LowRank>,
-    /// How far effects vary over the volume, whitened beside it.
+    /// What varies smoothly over the volume and no effect describes has joined, first.
+    has_discrepancy: bool,
+    /// How far effects vary over the volume; its noise has joined last.
     variation: Option<Variation>,
     /// Products of the columns of a variant with all columns, computed when first needed.
+    cross: BTreeMap<usize, DMatrix<f64>>,
+}
+
+/// Columns and gap, whitened by the filter alone.
+struct Plain {
+    /// Columns of length 1, one matrix column per row of the problem.
+    w: DMatrix<f64>,
+    y: DVector<f64>,
+    norm: Vec<f64>,
+    b: DVector<f64>,
+    own: Vec<Vec<f64>>,
     cross: BTreeMap<usize, DMatrix<f64>>,
 }
 
@@ -104,7 +121,7 @@ impl Problem {
         let span = library.spans();
         let y = DVector::from_vec(filter.column(gap));
         let Scaled { length, b, own } =
-            Scaled::to_unit_length(&mut w, &y, &span, |j, square| square > 1e-9 * before[j]);
+            Scaled::to_unit_length(&mut w, &y, &span, |j, square| square > LEAST * before[j]);
         let share = |(at, k): &(usize, usize)| {
             let left: f64 = length[*at..at + k].iter().map(|l| l * l).sum();
             let all: f64 = before[*at..at + k].iter().sum();
@@ -115,25 +132,30 @@ impl Problem {
         let places = (0..=SLOTS).map(|own| Places::new(session, &rows, &cell, own)).collect();
         let (block, blocks) = blocks(session, &rows, BLOCKS_MIN);
         let precise = session.instruments.iter().all(|n| is_encoder(n));
-        Self {
+        let plain = Plain { w, y, norm: length, b, own, cross: BTreeMap::new() };
+        let mut problem = Self {
             rows,
-            y,
-            w,
+            y: plain.y.clone(),
+            norm: vec![0.0; width],
+            unit: vec![0.0; width],
+            b: DVector::zeros(width),
+            own: plain.own.clone(),
+            plain,
+            joined: Vec::new(),
             span,
-            norm: length,
             seen,
-            b,
-            own,
             cell,
             cells,
             places,
             block,
             blocks,
             precise,
-            discrepancy: None,
+            has_discrepancy: false,
             variation: None,
             cross: BTreeMap::new(),
-        }
+        };
+        (0..problem.span.len()).for_each(|v| problem.measure(v));
+        problem
     }
 
     /// Effects of which offsets and drift leave nothing, and those whose columns are all zero.
@@ -178,25 +200,61 @@ impl Problem {
     /// Products of the columns of some variants with all columns, in one pass over the columns.
     pub fn prepare(&mut self, variants: &[usize]) {
         let mut missing: Vec<usize> =
-            variants.iter().copied().filter(|v| !self.cross.contains_key(v)).collect();
+            variants.iter().copied().filter(|v| !self.plain.cross.contains_key(v)).collect();
         missing.sort_unstable();
         missing.dedup();
         let columns: Vec<usize> = missing.iter().flat_map(|v| self.columns(*v)).collect();
-        if columns.is_empty() {
-            return;
+        if !columns.is_empty() {
+            let products = product(&self.plain.w.as_view(), &self.plain.w.select_rows(&columns).transpose());
+            let mut at = 0;
+            for v in missing {
+                let k = self.span[v].1;
+                self.plain.cross.insert(v, products.columns(at, k).into_owned());
+                at += k;
+            }
         }
-        let products = self.products(&self.w.select_rows(&columns).transpose());
-        let mut at = 0;
-        for v in missing {
-            let k = self.span[v].1;
-            self.cross.insert(v, products.columns(at, k).into_owned());
-            at += k;
+        for v in variants {
+            if !self.cross.contains_key(v) {
+                self.cross.insert(*v, self.cross_of(*v, 0..self.unit.len()));
+            }
         }
     }
 
-    /// Products of some vectors, a value per row of the problem each, with all columns; a matrix column each.
-    pub(super) fn products(&self, some: &DMatrix<f64>) -> DMatrix<f64> {
-        product(&self.w.as_view(), some)
+    /// Products of the columns of a variant, whose plain ones are known, with some columns beside the noise that joined.
+    fn cross_of(&self, variant: usize, some: Range<usize>) -> DMatrix<f64> {
+        let (plain, own) = (&self.plain.cross[&variant], self.columns(variant));
+        DMatrix::from_fn(some.len(), own.len(), |i, j| {
+            let (a, b) = (some.start + i, own.start + j);
+            let taken: f64 = self.joined.iter().map(|n| n.of_columns([a, b])).sum();
+            self.unit[a] * self.unit[b] * (plain[(a, j)] - taken)
+        })
+    }
+
+    /// Length, products with the gap and Gram matrix of the columns of a variant beside the noise that joined.
+    fn measure(&mut self, variant: usize) {
+        let (at, k) = self.span[variant];
+        let taken = |c: [usize; 2]| self.joined.iter().map(|n| n.of_columns(c)).sum::<f64>();
+        let plain = &self.plain.own[variant];
+        let mut own: Vec<f64> = (0..k * k).map(|n| plain[n] - taken([at + n / k, at + n % k])).collect();
+        for i in 0..k {
+            let c = at + i;
+            let length = if own[i * k + i] > LEAST { own[i * k + i].sqrt() } else { 0.0 };
+            self.norm[c] = self.plain.norm[c] * length;
+            self.unit[c] = if length > 0.0 { 1.0 / length } else { 0.0 };
+            let of_gap: f64 = self.joined.iter().map(|n| n.of_gap(c)).sum();
+            self.b[c] = self.unit[c] * (self.plain.b[c] - of_gap);
+        }
+        own.iter_mut().enumerate().for_each(|(n, g)| *g *= self.unit[at + n / k] * self.unit[at + n % k]);
+        self.own[variant] = own;
+    }
+
+    /// Products of some whitened vectors, a value per row of the problem each, with all columns; a matrix column each.
+    pub fn products(&self, some: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut turned = some.transpose();
+        self.joined.iter().rev().for_each(|n| n.turn(turned.as_mut_slice(), false));
+        let mut products = product(&self.plain.w.as_view(), &turned.transpose());
+        products.row_iter_mut().zip(&self.unit).for_each(|(mut row, unit)| row *= *unit);
+        products
     }
 
     /// The columns of a variant.
@@ -205,27 +263,48 @@ impl Problem {
         at..at + k
     }
 
+    /// Whitened columns of length 1, a matrix row each and a matrix column per row of the problem.
+    #[must_use]
+    pub fn whitened_rows(&self, columns: &[usize]) -> DMatrix<f64> {
+        let mut rows = self.plain.w.select_rows(columns);
+        rows.row_iter_mut().zip(columns).for_each(|(mut row, c)| row *= self.unit[*c]);
+        self.joined.iter().for_each(|n| n.turn(rows.as_mut_slice(), false));
+        rows
+    }
+
     /// Puts another shape in the place of a variant.
     pub fn replace(&mut self, session: &Session, filter: &Filter, variant: usize, shape: &Shape) {
-        let columns = self.whitened(session, filter, &[shape]).remove(0);
+        let width = shape.width();
+        let mut data = filter.mean(raw(session, &filter.members(), &[shape]), width);
+        filter.apply(&mut data, width);
         let (at, k) = self.span[variant];
-        for (j, column) in columns.iter().enumerate().take(k) {
-            let norm = column.iter().map(|v| v * v).sum::<f64>().sqrt();
-            self.norm[at + j] = norm;
-            let scale = if norm > 0.0 { 1.0 / norm } else { 0.0 };
-            for (i, v) in column.iter().enumerate() {
-                self.w[(at + j, i)] = v * scale;
+        let mut changed = DMatrixView::from_slice(&data, width, self.len()).rows(0, k).transpose();
+        for (j, mut column) in changed.column_iter_mut().enumerate() {
+            let norm = column.norm();
+            if norm > 0.0 {
+                column /= norm;
             }
+            self.plain.norm[at + j] = norm;
+            self.plain.w.set_row(at + j, &column.transpose());
+            self.joined.iter_mut().for_each(|n| n.replace(at + j, &column.as_view()));
         }
-        let changed = self.w.rows(at, k).transpose();
-        self.b.rows_mut(at, k).copy_from(&changed.tr_mul(&self.y));
-        self.own[variant] = changed.tr_mul(&changed).as_slice().to_vec();
+        self.plain.b.rows_mut(at, k).copy_from(&changed.tr_mul(&self.plain.y));
+        self.plain.own[variant] = changed.tr_mul(&changed).as_slice().to_vec();
         // of the products of the others those with these columns alone are new
-        self.cross.remove(&variant);
-        for (other, products) in &mut self.cross {
+        self.plain.cross.remove(&variant);
+        for (other, products) in &mut self.plain.cross {
             let (first, n) = self.span[*other];
-            let others = self.w.rows(first, n).transpose();
+            let others = self.plain.w.rows(first, n).transpose();
             products.rows_mut(at, k).copy_from(&changed.tr_mul(&others));
+        }
+        self.measure(variant);
+        self.cross.remove(&variant);
+        let known: Vec<usize> = self.cross.keys().copied().collect();
+        for other in known {
+            let new = self.cross_of(other, at..at + k);
+            if let Some(products) = self.cross.get_mut(&other) {
+                products.rows_mut(at, k).copy_from(&new);
+            }
         }
     }
 
@@ -237,53 +316,30 @@ impl Problem {
 
     /// What varies smoothly over the volume and no effect describes.
     #[must_use]
-    pub const fn discrepancy(&self) -> Option<&LowRank> {
-        self.discrepancy.as_ref()
-    }
-
-    /// Whitens columns and gap, or back.
-    fn turn(&mut self, noise: &LowRank, back: bool) {
-        noise.turn(self.w.as_mut_slice(), back);
-        noise.turn(self.y.as_mut_slice(), back);
+    pub fn discrepancy(&self) -> Option<&LowRank> {
+        self.joined.first().filter(|_| self.has_discrepancy).map(Joined::noise)
     }
 
     /// Takes the variation of effects for noise, in the place of the one before.
     pub fn vary(&mut self, variation: Option<Variation>) {
-        self.leave_variation();
-        self.join_variation(variation);
+        let discrepancy = self.discrepancy().cloned();
+        self.join(discrepancy, variation);
     }
 
     /// Takes a discrepancy and a variation of effects beside it for noise, in the place of those before.
     pub fn join(&mut self, discrepancy: Option<LowRank>, variation: Option<Variation>) {
-        self.leave_variation();
-        if self.discrepancy != discrepancy {
-            if let Some(old) = self.discrepancy.take() {
-                self.turn(&old, true);
-            }
-            if let Some(new) = &discrepancy {
-                self.turn(new, false);
-            }
-            self.discrepancy = discrepancy;
-        }
-        self.join_variation(variation);
-    }
-
-    /// Columns and gap as they were before the variation; of unit length once another one has joined.
-    fn leave_variation(&mut self) {
-        if let Some(old) = self.variation.take() {
-            self.turn(&old.noise, true);
-        }
-    }
-
-    fn join_variation(&mut self, variation: Option<Variation>) {
-        if let Some(new) = &variation {
-            self.turn(&new.noise, false);
+        let stay = self.discrepancy() == discrepancy.as_ref();
+        self.joined.truncate(usize::from(stay && self.has_discrepancy));
+        self.has_discrepancy = discrepancy.is_some();
+        let new = discrepancy.filter(|_| !stay).into_iter().chain(variation.iter().map(|v| v.noise.clone()));
+        for noise in new {
+            let joined = Joined::new(noise, &self.joined, &self.plain.w, &self.plain.y);
+            self.joined.push(joined);
         }
         self.variation = variation;
-        let norm = &self.norm;
-        let scaled = Scaled::to_unit_length(&mut self.w, &self.y, &self.span, |j, _| norm[j] > 0.0);
-        self.norm.iter_mut().zip(&scaled.length).for_each(|(n, l)| *n *= l);
-        (self.b, self.own) = (scaled.b, scaled.own);
+        self.y.copy_from(&self.plain.y);
+        self.joined.iter().for_each(|n| n.turn(self.y.as_mut_slice(), false));
+        (0..self.span.len()).for_each(|v| self.measure(v));
         self.cross.clear();
     }
 
@@ -299,20 +355,20 @@ impl Problem {
 
     /// Whitens columns, a row of `width` values per row of the problem, in place.
     pub fn whiten(&self, filter: &Filter, data: &mut [f64], width: usize) {
-        self.whiten_beside(filter, data, width);
-        self.variation.iter().for_each(|v| v.noise.turn(data, false));
+        filter.apply(data, width);
+        self.joined.iter().for_each(|n| n.turn(data, false));
     }
 
     /// The same without the variation of effects.
     pub(super) fn whiten_beside(&self, filter: &Filter, data: &mut [f64], width: usize) {
         filter.apply(data, width);
-        self.discrepancy.iter().for_each(|d| d.turn(data, false));
+        self.discrepancy().iter().for_each(|d| d.turn(data, false));
     }
 
     /// Some vectors without what the given columns say.
     #[must_use]
     pub fn beside(&self, given: &Given, some: &DMatrix<f64>) -> DMatrix<f64> {
-        let columns = self.w.select_rows(&given.columns);
+        let columns = self.whitened_rows(&given.columns);
         let products = &columns * some;
         let mut out = some.clone();
         for (mut o, p) in out.column_iter_mut().zip(products.column_iter()) {
@@ -402,10 +458,11 @@ impl Problem {
     /// What the columns contribute to every row.
     #[must_use]
     pub fn contribution(&self, columns: &[usize], beta: &[f64]) -> DVector<f64> {
-        let mut out = DVector::zeros(self.len());
-        for (row, o) in self.w.column_iter().zip(out.iter_mut()) {
-            *o = columns.iter().zip(beta).map(|(c, b)| row[*c] * b).sum();
-        }
+        let scaled: Vec<(usize, f64)> =
+            columns.iter().zip(beta).map(|(c, b)| (*c, b * self.unit[*c])).collect();
+        let sum = |row: DVectorView<'_, f64>| scaled.iter().map(|(c, b)| row[*c] * b).sum();
+        let mut out = DVector::from_iterator(self.len(), self.plain.w.column_iter().map(sum));
+        self.joined.iter().for_each(|n| n.turn(out.as_mut_slice(), false));
         out
     }
 }
@@ -520,14 +577,17 @@ impl Problem {
         });
         let span: Vec<(usize, usize)> = ends.zip(variants).map(|(end, v)| (end - v.len(), v.len())).collect();
         let Scaled { length, b, own } = Scaled::to_unit_length(&mut w, &y, &span, |_, _| true);
-        Self {
+        let width = length.len();
+        let mut problem = Self {
             rows: (0..n).collect(),
-            b,
-            own,
-            norm: length,
+            b: DVector::zeros(width),
+            own: own.clone(),
+            norm: vec![0.0; width],
+            unit: vec![0.0; width],
             seen: vec![1.0; span.len()],
-            y,
-            w,
+            y: y.clone(),
+            plain: Plain { w, y, norm: length, b, own, cross: BTreeMap::new() },
+            joined: Vec::new(),
             span,
             cell: vec![0; n],
             cells: 1,
@@ -535,9 +595,11 @@ impl Problem {
             block: vec![0; n],
             blocks: 1,
             precise: false,
-            discrepancy: None,
+            has_discrepancy: false,
             variation: None,
             cross: BTreeMap::new(),
-        }
+        };
+        (0..problem.span.len()).for_each(|v| problem.measure(v));
+        problem
     }
 }

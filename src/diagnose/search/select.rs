@@ -265,13 +265,13 @@ impl Selection {
             return false;
         }
         let earlier = problem.contribution(&joint.given.columns, &joint.beta);
-        let (at, k) = problem.span[found.variant];
+        let own: Vec<usize> = problem.columns(found.variant).collect();
         let mut energy = vec![0.0; problem.cells];
         let mut acts = vec![0.0; problem.cells];
-        for (i, row) in problem.w.column_iter().enumerate() {
+        for (i, row) in problem.whitened_rows(&own).column_iter().enumerate() {
             let cell = problem.cell[i];
             energy[cell] += earlier[i] * earlier[i];
-            acts[cell] += row.as_slice()[at..at + k].iter().map(|v| v * v).sum::<f64>();
+            acts[cell] += row.norm_squared();
         }
         let total: f64 = acts.iter().sum();
         let where_it_acts: f64 =
