@@ -7,6 +7,7 @@ mod discrepancy;
 mod figures;
 mod joint;
 mod low_rank;
+mod metric;
 mod pitch_search;
 mod pivot;
 mod pivoted_cholesky;

@@ -3,26 +3,26 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 use rayon::prelude::*;
 
 use super::super::constants::{BLOCKS_MIN, MOVES, SEEN};
-use super::super::library::{Blind, Library, Shape};
+use super::super::library::{Blind, Library};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
-use super::beside::Columns;
 use super::data_partition::{Places, blocks, programs};
-use super::low_rank::{Joined, LowRank, product};
+use super::low_rank::Joined;
+use super::metric::Plain;
 use super::pivoted_cholesky::{Factor, Rest, dot};
-use super::raw_columns::{RawColumns, raw, raw_columns};
+use super::raw_columns::{RawColumns, raw_columns};
 use super::variation::Variation;
 
 /// Fewest readings that one processor takes at a time, and most parts into which they are divided: each has sums of its own.
 const ROWS: usize = 512;
 const PARTS: usize = 64;
 /// Share of the square of a column that whitening must leave.
-const LEAST: f64 = 1e-9;
+pub(super) const LEAST: f64 = 1e-9;
 
 /// Readings, columns and what was computed of them.
 pub struct Problem {
@@ -31,11 +31,11 @@ pub struct Problem {
     /// Whitened gap.
     pub y: DVector<f64>,
     /// Columns and gap before noise of low rank joined.
-    plain: Plain,
+    pub(super) plain: Plain,
     /// Noise of low rank, in the order in which it joined: a discrepancy, the variation of effects.
-    joined: Vec<Joined>,
+    pub(super) joined: Vec<Joined>,
     /// By what a column is multiplied for unit length; 0 of one that is taken for none.
-    unit: Vec<f64>,
+    pub(super) unit: Vec<f64>,
     /// First column and number of columns of each variant.
     pub span: Vec<(usize, usize)>,
     /// Length of each whitened column before it was scaled to 1.
@@ -59,22 +59,11 @@ pub struct Problem {
     /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
     pub precise: bool,
     /// What varies smoothly over the volume and no effect describes has joined, first.
-    has_discrepancy: bool,
+    pub(super) has_discrepancy: bool,
     /// How far effects vary over the volume; its noise has joined last.
-    variation: Option<Variation>,
+    pub(super) variation: Option<Variation>,
     /// Products of the columns of a variant with all columns, computed when first needed.
-    cross: BTreeMap<usize, DMatrix<f64>>,
-}
-
-/// Columns and gap, whitened by the filter alone.
-struct Plain {
-    /// Columns of length 1, one matrix column per row of the problem.
-    w: DMatrix<f64>,
-    y: DVector<f64>,
-    norm: Vec<f64>,
-    b: DVector<f64>,
-    own: Vec<Vec<f64>>,
-    cross: BTreeMap<usize, DMatrix<f64>>,
+    pub(super) cross: BTreeMap<usize, DMatrix<f64>>,
 }
 
 impl Problem {
@@ -133,8 +122,14 @@ impl Problem {
         let (block, blocks) = blocks(session, &rows, BLOCKS_MIN);
         let precise = session.instruments.iter().all(|n| is_encoder(n));
         let plain = Plain { w, y, norm: length, b, own, cross: BTreeMap::new() };
+        Self { rows, seen, cell, cells, places, block, blocks, precise, ..Self::of_plain(plain, span) }
+    }
+
+    /// Columns of variants whose readings are of one program and one block.
+    fn of_plain(plain: Plain, span: Vec<(usize, usize)>) -> Self {
+        let (n, width) = (plain.y.len(), plain.norm.len());
         let mut problem = Self {
-            rows,
+            rows: (0..n).collect(),
             y: plain.y.clone(),
             norm: vec![0.0; width],
             unit: vec![0.0; width],
@@ -142,19 +137,19 @@ impl Problem {
             own: plain.own.clone(),
             plain,
             joined: Vec::new(),
+            seen: vec![1.0; span.len()],
             span,
-            seen,
-            cell,
-            cells,
-            places,
-            block,
-            blocks,
-            precise,
+            cell: vec![0; n],
+            cells: 1,
+            places: Vec::new(),
+            block: vec![0; n],
+            blocks: 1,
+            precise: false,
             has_discrepancy: false,
             variation: None,
             cross: BTreeMap::new(),
         };
-        (0..problem.span.len()).for_each(|v| problem.measure(v));
+        problem.measure_all();
         problem
     }
 
@@ -197,172 +192,10 @@ impl Problem {
         self.rows.is_empty()
     }
 
-    /// Products of the columns of some variants with all columns, in one pass over the columns.
-    pub fn prepare(&mut self, variants: &[usize]) {
-        let mut missing: Vec<usize> =
-            variants.iter().copied().filter(|v| !self.plain.cross.contains_key(v)).collect();
-        missing.sort_unstable();
-        missing.dedup();
-        let columns: Vec<usize> = missing.iter().flat_map(|v| self.columns(*v)).collect();
-        if !columns.is_empty() {
-            let products = product(&self.plain.w.as_view(), &self.plain.w.select_rows(&columns).transpose());
-            let mut at = 0;
-            for v in missing {
-                let k = self.span[v].1;
-                self.plain.cross.insert(v, products.columns(at, k).into_owned());
-                at += k;
-            }
-        }
-        for v in variants {
-            if !self.cross.contains_key(v) {
-                self.cross.insert(*v, self.cross_of(*v, 0..self.unit.len()));
-            }
-        }
-    }
-
-    /// Products of the columns of a variant, whose plain ones are known, with some columns beside the noise that joined.
-    fn cross_of(&self, variant: usize, some: Range<usize>) -> DMatrix<f64> {
-        let (plain, own) = (&self.plain.cross[&variant], self.columns(variant));
-        DMatrix::from_fn(some.len(), own.len(), |i, j| {
-            let (a, b) = (some.start + i, own.start + j);
-            let taken: f64 = self.joined.iter().map(|n| n.of_columns([a, b])).sum();
-            self.unit[a] * self.unit[b] * (plain[(a, j)] - taken)
-        })
-    }
-
-    /// Length, products with the gap and Gram matrix of the columns of a variant beside the noise that joined.
-    fn measure(&mut self, variant: usize) {
-        let (at, k) = self.span[variant];
-        let taken = |c: [usize; 2]| self.joined.iter().map(|n| n.of_columns(c)).sum::<f64>();
-        let plain = &self.plain.own[variant];
-        let mut own: Vec<f64> = (0..k * k).map(|n| plain[n] - taken([at + n / k, at + n % k])).collect();
-        for i in 0..k {
-            let c = at + i;
-            let length = if own[i * k + i] > LEAST { own[i * k + i].sqrt() } else { 0.0 };
-            self.norm[c] = self.plain.norm[c] * length;
-            self.unit[c] = if length > 0.0 { 1.0 / length } else { 0.0 };
-            let of_gap: f64 = self.joined.iter().map(|n| n.of_gap(c)).sum();
-            self.b[c] = self.unit[c] * (self.plain.b[c] - of_gap);
-        }
-        own.iter_mut().enumerate().for_each(|(n, g)| *g *= self.unit[at + n / k] * self.unit[at + n % k]);
-        self.own[variant] = own;
-    }
-
-    /// Products of some whitened vectors, a value per row of the problem each, with all columns; a matrix column each.
-    pub fn products(&self, some: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut turned = some.transpose();
-        self.joined.iter().rev().for_each(|n| n.turn(turned.as_mut_slice(), false));
-        let mut products = product(&self.plain.w.as_view(), &turned.transpose());
-        products.row_iter_mut().zip(&self.unit).for_each(|(mut row, unit)| row *= *unit);
-        products
-    }
-
     /// The columns of a variant.
     pub(super) fn columns(&self, variant: usize) -> Range<usize> {
         let (at, k) = self.span[variant];
         at..at + k
-    }
-
-    /// Whitened columns of length 1, a matrix row each and a matrix column per row of the problem.
-    #[must_use]
-    pub fn whitened_rows(&self, columns: &[usize]) -> DMatrix<f64> {
-        let mut rows = self.plain.w.select_rows(columns);
-        rows.row_iter_mut().zip(columns).for_each(|(mut row, c)| row *= self.unit[*c]);
-        self.joined.iter().for_each(|n| n.turn(rows.as_mut_slice(), false));
-        rows
-    }
-
-    /// Puts another shape in the place of a variant.
-    pub fn replace(&mut self, session: &Session, filter: &Filter, variant: usize, shape: &Shape) {
-        let width = shape.width();
-        let mut data = filter.mean(raw(session, &filter.members(), &[shape]), width);
-        filter.apply(&mut data, width);
-        let (at, k) = self.span[variant];
-        let mut changed = DMatrixView::from_slice(&data, width, self.len()).rows(0, k).transpose();
-        for (j, mut column) in changed.column_iter_mut().enumerate() {
-            let norm = column.norm();
-            if norm > 0.0 {
-                column /= norm;
-            }
-            self.plain.norm[at + j] = norm;
-            self.plain.w.set_row(at + j, &column.transpose());
-            self.joined.iter_mut().for_each(|n| n.replace(at + j, &column.as_view()));
-        }
-        self.plain.b.rows_mut(at, k).copy_from(&changed.tr_mul(&self.plain.y));
-        self.plain.own[variant] = changed.tr_mul(&changed).as_slice().to_vec();
-        // of the products of the others those with these columns alone are new
-        self.plain.cross.remove(&variant);
-        for (other, products) in &mut self.plain.cross {
-            let (first, n) = self.span[*other];
-            let others = self.plain.w.rows(first, n).transpose();
-            products.rows_mut(at, k).copy_from(&changed.tr_mul(&others));
-        }
-        self.measure(variant);
-        self.cross.remove(&variant);
-        let known: Vec<usize> = self.cross.keys().copied().collect();
-        for other in known {
-            let new = self.cross_of(other, at..at + k);
-            if let Some(products) = self.cross.get_mut(&other) {
-                products.rows_mut(at, k).copy_from(&new);
-            }
-        }
-    }
-
-    /// How far effects vary.
-    #[must_use]
-    pub const fn variation(&self) -> Option<&Variation> {
-        self.variation.as_ref()
-    }
-
-    /// What varies smoothly over the volume and no effect describes.
-    #[must_use]
-    pub fn discrepancy(&self) -> Option<&LowRank> {
-        self.joined.first().filter(|_| self.has_discrepancy).map(Joined::noise)
-    }
-
-    /// Takes the variation of effects for noise, in the place of the one before.
-    pub fn vary(&mut self, variation: Option<Variation>) {
-        let discrepancy = self.discrepancy().cloned();
-        self.join(discrepancy, variation);
-    }
-
-    /// Takes a discrepancy and a variation of effects beside it for noise, in the place of those before.
-    pub fn join(&mut self, discrepancy: Option<LowRank>, variation: Option<Variation>) {
-        let stay = self.discrepancy() == discrepancy.as_ref();
-        self.joined.truncate(usize::from(stay && self.has_discrepancy));
-        self.has_discrepancy = discrepancy.is_some();
-        let new = discrepancy.filter(|_| !stay).into_iter().chain(variation.iter().map(|v| v.noise.clone()));
-        for noise in new {
-            let joined = Joined::new(noise, &self.joined, &self.plain.w, &self.plain.y);
-            self.joined.push(joined);
-        }
-        self.variation = variation;
-        self.y.copy_from(&self.plain.y);
-        self.joined.iter().for_each(|n| n.turn(self.y.as_mut_slice(), false));
-        (0..self.span.len()).for_each(|v| self.measure(v));
-        self.cross.clear();
-    }
-
-    /// The columns of each of some shapes, whitened.
-    #[must_use]
-    pub(super) fn whitened(&self, session: &Session, filter: &Filter, shapes: &[&Shape]) -> Vec<Columns> {
-        let width = shapes.iter().map(|s| s.width()).sum();
-        let mut data = filter.mean(raw(session, &filter.members(), shapes), width);
-        self.whiten(filter, &mut data, width);
-        let mut columns = (0..width).map(|j| data.iter().skip(j).step_by(width).copied().collect());
-        shapes.iter().map(|s| columns.by_ref().take(s.width()).collect()).collect()
-    }
-
-    /// Whitens columns, a row of `width` values per row of the problem, in place.
-    pub fn whiten(&self, filter: &Filter, data: &mut [f64], width: usize) {
-        filter.apply(data, width);
-        self.joined.iter().for_each(|n| n.turn(data, false));
-    }
-
-    /// The same without the variation of effects.
-    pub(super) fn whiten_beside(&self, filter: &Filter, data: &mut [f64], width: usize) {
-        filter.apply(data, width);
-        self.discrepancy().iter().for_each(|d| d.turn(data, false));
     }
 
     /// Some vectors without what the given columns say.
@@ -453,17 +286,6 @@ impl Problem {
         let beta = self.fit(given);
         let [a, b] = pair.map(|v| self.part(given, &beta, v));
         a.dot(&b) / (a.norm() * b.norm()).max(f64::MIN_POSITIVE)
-    }
-
-    /// What the columns contribute to every row.
-    #[must_use]
-    pub fn contribution(&self, columns: &[usize], beta: &[f64]) -> DVector<f64> {
-        let scaled: Vec<(usize, f64)> =
-            columns.iter().zip(beta).map(|(c, b)| (*c, b * self.unit[*c])).collect();
-        let sum = |row: DVectorView<'_, f64>| scaled.iter().map(|(c, b)| row[*c] * b).sum();
-        let mut out = DVector::from_iterator(self.len(), self.plain.w.column_iter().map(sum));
-        self.joined.iter().for_each(|n| n.turn(out.as_mut_slice(), false));
-        out
     }
 }
 
@@ -570,36 +392,12 @@ impl Problem {
     pub(super) fn made_up(variants: &[Vec<DVector<f64>>], y: DVector<f64>) -> Self {
         let columns: Vec<DVector<f64>> = variants.iter().flatten().cloned().collect();
         let mut w = DMatrix::from_columns(&columns).transpose();
-        let n = y.len();
         let ends = variants.iter().scan(0, |at, v| {
             *at += v.len();
             Some(*at)
         });
         let span: Vec<(usize, usize)> = ends.zip(variants).map(|(end, v)| (end - v.len(), v.len())).collect();
         let Scaled { length, b, own } = Scaled::to_unit_length(&mut w, &y, &span, |_, _| true);
-        let width = length.len();
-        let mut problem = Self {
-            rows: (0..n).collect(),
-            b: DVector::zeros(width),
-            own: own.clone(),
-            norm: vec![0.0; width],
-            unit: vec![0.0; width],
-            seen: vec![1.0; span.len()],
-            y: y.clone(),
-            plain: Plain { w, y, norm: length, b, own, cross: BTreeMap::new() },
-            joined: Vec::new(),
-            span,
-            cell: vec![0; n],
-            cells: 1,
-            places: Vec::new(),
-            block: vec![0; n],
-            blocks: 1,
-            precise: false,
-            has_discrepancy: false,
-            variation: None,
-            cross: BTreeMap::new(),
-        };
-        (0..problem.span.len()).for_each(|v| problem.measure(v));
-        problem
+        Self::of_plain(Plain { w, y, norm: length, b, own, cross: BTreeMap::new() }, span)
     }
 }

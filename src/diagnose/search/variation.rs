@@ -296,6 +296,14 @@ impl Left {
 }
 
 #[cfg(test)]
+impl Variation {
+    /// Noise of no effect.
+    pub(super) const fn made_up(noise: LowRank) -> Self {
+        Self { effects: Vec::new(), noise }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
