@@ -92,7 +92,7 @@ fn shown(
     residual: &[f64],
     effect: &[f64],
 ) -> (Vec<Shown>, Option<f64>) {
-    let share = |m: &Moment| direction.map_or(1.0, |d| m.u[d]);
+    let share = |m: &Moment| view.component(m, direction);
     let weights: Vec<f64> = session.moments.iter().map(|m| view.weight(m, session)).collect();
     let reference = view.weight_text().map(|_| {
         let mut sizes: Vec<f64> =

@@ -4,6 +4,7 @@ use super::super::library::Shape;
 use super::super::moment::{Axis, Moment};
 use super::super::session::Session;
 use volcomp_effects::drawing::{Branch, Drawing, Over, Weight};
+use volcomp_effects::shape::line_of_sight;
 use volcomp_model::geometry::unit;
 
 /// How an effect is drawn.
@@ -83,6 +84,16 @@ impl View {
         }
     }
 
+    /// Component of the direction of measurement along that in which the effect is drawn: a machine direction, the line of sight of an
+    /// instrument with a station, or the direction of measurement itself.
+    pub(super) fn component(&self, m: &Moment, direction: Option<usize>) -> f64 {
+        match (direction, self.drawn.over) {
+            (Some(d), _) => m.u[d],
+            (None, Over::Range) => line_of_sight(m).map_or(1.0, |line| line.dot(&m.u)),
+            (None, _) => 1.0,
+        }
+    }
+
     /// What is said of the factor; `{}` is its value.
     pub(super) fn weight_text(&self) -> Option<String> {
         match &self.drawn.weight {
@@ -135,4 +146,26 @@ impl View {
 /// Four decimals without trailing zeros.
 fn round_4(v: f64) -> f64 {
     (1e4 * v).round() / 1e4
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::library::forms;
+    use volcomp_model::geometry::Vec3;
+
+    #[test]
+    fn the_scale_of_a_tracker_is_drawn_along_its_line_of_sight() {
+        let view = View::of(&forms::TrackerScale { signal: None, zero: false }.into());
+        let seen = |u: [f64; 3]| {
+            let m = Moment {
+                u: Vec3::from(u),
+                station_mm: Vec3::new(0.0, -2000.0, 0.0),
+                reflector_mm: Vec3::zeros(),
+                ..Moment::default()
+            };
+            view.component(&m, None)
+        };
+        assert_eq!([seen([0.0, 1.0, 0.0]), seen([0.0, -1.0, 0.0]), seen([1.0, 0.0, 0.0])], [1.0, -1.0, 0.0]);
+    }
 }
