@@ -292,9 +292,12 @@ fn reserve(path: &Path, bytes: &mut Vec<u8>, more: usize) -> Result<()> {
 /// A text file, or standard input for `-`.
 ///
 /// # Errors
-/// See [`read`]; or the file is not UTF-8.
+/// See [`read`]; or the file is not UTF-8, which is a mistake in a configuration and bad data elsewhere.
 pub fn read_text(path: &Path, kind: InputKind) -> Result<String> {
-    text_of(path, read(path, kind)?)
+    text_of(path, read(path, kind)?).map_err(|e| match kind {
+        InputKind::Machine | InputKind::Model | InputKind::Description => Failure { code: EX_CONFIG, ..e },
+        _ => e,
+    })
 }
 
 /// The text of a file that was read.

@@ -5,6 +5,7 @@ use super::picture;
 use super::report::Report;
 use crate::acceptance::{HeadArgs, NOT_STATED, sign};
 use crate::check::Size;
+use crate::files::read_model_file;
 use crate::prelude::*;
 use volcomp_model::curve::Interpolation;
 use volcomp_model::extremes::search;
@@ -42,7 +43,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if args.json && args.html.as_os_str() == "-" {
         return Err(Failure::usage("--json and the page cannot both go to stdout"));
     }
-    let file = super::load(&args.file)?;
+    let file = read_model_file(&args.file)?;
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
     let machine = args.config.as_deref().map(crate::status::machine).transpose()?;
     if let Some(other) = machine.as_ref().filter(|m| m.machine != file.spec.machine) {

@@ -25,14 +25,3 @@ subcommands! {
         Normalise(normalise::Args) => normalise::run,
     }
 }
-
-/// Reads a model file with its provenance.
-fn load(path: &Path) -> Result<ModelFile> {
-    let bytes = input::read(path, InputKind::Model)?;
-    let file = path.display().to_string();
-    let text = String::from_utf8(bytes).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        mistake!(file, "byte {at} is not UTF-8; save the file as UTF-8")
-    })?;
-    Ok(config::model::parse_file(&file, &text)?)
-}

@@ -1,5 +1,6 @@
 //! `model normalise`: writes the normal form of a model (equations 1.8), once and visibly.
 
+use crate::files::read_model_file;
 use crate::prelude::*;
 use volcomp_model::normalise;
 
@@ -21,7 +22,7 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let mut model = super::load(&args.file)?;
+    let mut model = read_model_file(&args.file)?;
     let gauged = normalise(&model.spec)
         .map_err(|e| mistake!(args.file, "its normal form breaks a rule of models: {e}"))?;
     let report = if args.json {

@@ -2,6 +2,7 @@
 
 use super::report::Report;
 use super::{html, picture};
+use crate::files::read_model_file;
 use crate::prelude::*;
 use crate::progress::Progress;
 use volcomp_model::extremes::search;
@@ -27,7 +28,7 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let file = super::load(&args.file)?;
+    let file = read_model_file(&args.file)?;
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
     let bar = Progress::of_steps();
     let found = search(&file.spec, &model, |done, of| bar.show(done, of));

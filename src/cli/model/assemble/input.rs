@@ -1,6 +1,7 @@
 //! What is put together: model files and tables of motions, each with its hash.
 
 use super::Args;
+use crate::files::read_model_file;
 use crate::fit::input::{BySymbol, Direction, Format, read};
 use crate::prelude::*;
 use volcomp_identify::assemble::Source;
@@ -80,7 +81,7 @@ pub(super) fn load(args: &Args) -> Result<Vec<Loaded>> {
         return Err(usage!("--measured-at {}: no such --motion", missing.display()));
     }
     let base = match (&args.base, out.first()) {
-        (Some(path), _) => Some(super::super::load(path)?.spec),
+        (Some(path), _) => Some(read_model_file(path)?.spec),
         (None, Some(first)) => Some(first.source.spec.clone()),
         (None, None) => None,
     };

@@ -5,6 +5,7 @@ mod text_report;
 
 use input::Loaded;
 
+use crate::files::read_model_file;
 use crate::prelude::*;
 use volcomp_identify::assemble::{Assembled, Options, assemble};
 
@@ -83,7 +84,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 fn options(args: &Args, loaded: &[Loaded]) -> Result<Options> {
-    let base = args.base.as_deref().map(super::load).transpose()?.map(|f| f.spec);
+    let base = args.base.as_deref().map(read_model_file).transpose()?.map(|f| f.spec);
     let base = match (base, loaded.iter().all(|l| l.is_table)) {
         (Some(base), _) => Some(base),
         (None, false) => None,
