@@ -31,6 +31,11 @@ pub enum Reason {
     },
     /// Readings left out fit worse with it, whatever else is chosen.
     Worse,
+    /// All causes together take out this share of a gap that is no larger than the noise allows.
+    Little {
+        /// Forecast shrink.
+        shrink: f64,
+    },
     /// Its probability is too small: what costs it most.
     Improbable {
         /// Of the effect itself.
@@ -138,6 +143,11 @@ impl Assessed {
         self.reason.is_none()
     }
 
+    /// Declares it no more, `because`.
+    pub fn withdraw(&mut self, because: Reason) {
+        self.reason.get_or_insert(because);
+    }
+
     fn new(e: Evidence, real: f64, reason: Option<Reason>) -> Self {
         let probability = real * e.share;
         Self {
@@ -161,7 +171,9 @@ impl Assessed {
 #[must_use]
 pub fn decide(all: Vec<Evidence>, held_out: &HeldOut) -> Vec<Assessed> {
     let company = mean_deviation(&all);
-    let reason = |e: &Evidence| if e.is_pruned { Some(Reason::Worse) } else { improbable(e, company) };
+    let is_alone = all.len() == 1;
+    let reason =
+        |e: &Evidence| if e.is_pruned { Some(Reason::Worse) } else { improbable(e, company, is_alone) };
     let reasons: Vec<Option<Reason>> = all.iter().map(reason).collect();
     let because = |[with_um, without_um]: [f64; 2]| Reason::HeldOut { with_um, without_um };
     let reasons = worth(reasons, held_out, because);
@@ -198,13 +210,13 @@ pub fn decide_by_posterior(all: Vec<(Evidence, &Contender)>, left: &HeldOut) -> 
     all.into_iter().zip(reasons).map(|((e, _), reason)| Assessed::new(e, 1.0, reason)).collect()
 }
 
-fn improbable(e: &Evidence, company: f64) -> Option<Reason> {
+fn improbable(e: &Evidence, company: f64, is_alone: bool) -> Option<Reason> {
     let real = real(e, company, false);
     let (probability, group) = (real * e.share, real * e.group_share);
     (group < DECLARED || probability < NAMED).then(|| Reason::Improbable {
         probability,
         group,
-        cost: cost(&e.figures, company),
+        cost: cost(&e.figures, company, is_alone),
     })
 }
 
@@ -234,12 +246,14 @@ fn worth(
 }
 
 /// What each figure costs in log odds, and the largest of them.
-fn cost(g: &Figures, company: f64) -> Cost {
+fn cost(g: &Figures, company: f64, is_alone: bool) -> Cost {
     let own = CALIBRATION.deviation + CALIBRATION.session;
     let between = (own * g.between, Cost::Between(g.between));
     let misform = (own * excess(g.misform), Cost::Misform(g.misform));
     let against = (CALIBRATION.against * (-g.against).max(0.0), Cost::TakesBack);
-    let company = (CALIBRATION.session * company, Cost::Company(company));
+    // the mean over one effect is its own
+    let of_company = if is_alone { Cost::Misform(company) } else { Cost::Company(company) };
+    let company = (CALIBRATION.session * company, of_company);
     // the mean holds the effect's own share, so its own deviation is named first
     let most = [company, between, misform, against].into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     most.filter(|m| m.0 > 1.0).map_or(Cost::Evidence, |m| m.1)

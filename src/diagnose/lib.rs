@@ -120,7 +120,9 @@ pub fn diagnose(
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
     let mut raw = RawColumns::default();
-    let mut analysis = analyse(session, options, &mut raw, tell);
+    // what is taken off below is no multiple of a step
+    let lattice_um = noise::lattices(session);
+    let mut analysis = analyse(session, options, &lattice_um, &mut raw, tell);
     let mut lengths_um: BTreeMap<usize, f64> = BTreeMap::new();
     for _ in 0..ROUNDS {
         let Some(found) = ballbar_lengths_um(session, &analysis) else { break };
@@ -128,7 +130,7 @@ pub fn diagnose(
             r.deviation_um -= found.get(&m.setup).copied().unwrap_or_default();
         }
         found.into_iter().for_each(|(setup, length_um)| *lengths_um.entry(setup).or_default() += length_um);
-        analysis = analyse(session, options, &mut raw, tell);
+        analysis = analyse(session, options, &lattice_um, &mut raw, tell);
     }
     if !lengths_um.is_empty() {
         let mut each: Vec<String> = lengths_um.values().map(|length_um| format!("{length_um:.1}")).collect();
@@ -174,17 +176,17 @@ fn ballbar_lengths_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap
     stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())
 }
 
-/// `raw`: columns of an analysis of the same session before.
+/// `lattice_um`: the step of each instrument class; `raw`: columns of an analysis of the same session before.
 fn analyse(
     session: &mut Session,
     options: &Options,
+    lattice_um: &[f64],
     raw: &mut RawColumns,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Analysis {
     tell(0.0, "noise from repeats");
     let gap = session.gap();
-    let lattice_um = noise::lattices(session);
-    let outlying = noise::outliers(session, &gap, &lattice_um);
+    let outlying = noise::outliers(session, &gap, lattice_um);
     let mut used = vec![true; gap.len()];
     for i in &outlying {
         used[*i] = false;
@@ -196,18 +198,17 @@ fn analyse(
         }
         classes
     };
-    let mut class_noise = steady(noise::from_repeats(session, &gap, &used, &lattice_um));
+    let mut class_noise = steady(noise::from_repeats(session, &gap, &used, lattice_um));
     let mut library = Library::new(session, &options.without);
     take_signals(session, &mut library);
     if ablation == Ablation::None && evidence::applies(session) {
         tell(0.2, "comparison of all sets of effects");
         let white: Vec<f64> = class_noise.iter().map(|c| c.white_um).collect();
-        let ordinary: Vec<bool> = session.readings.iter().map(|r| !r.is_marked).collect();
         let mut named = library.clone();
         // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
         named.variants.retain(|v| v.shape.has_own_name());
-        if let Some(analysis) = compare(session, named, &ordinary, (&gap, &lattice_um, &white)) {
-            return likelier_zero(session, options, raw, analysis, tell);
+        if let Some(analysis) = compare(session, named, &outlying, (&gap, lattice_um, &white)) {
+            return likelier_zero(session, options, (lattice_um, raw), analysis, tell);
         }
     }
     // the search weighs all columns alike: of the processes that have the same columns one stands for all
@@ -231,7 +232,7 @@ fn analyse(
         if round == 1
             && likelier_from_ball_zero(session, &mut problem, raw, (&library, &selection), (&filter, &white))
         {
-            return analyse(session, options, raw, tell);
+            return analyse(session, options, lattice_um, raw, tell);
         }
         let next = {
             let left = remainder(session, &problem, &library, &selection, &gap);
@@ -268,7 +269,7 @@ fn analyse(
                 noise: class_noise,
                 used,
                 outlying,
-                lattice_um,
+                lattice_um: lattice_um.to_vec(),
                 gap,
                 pruned,
                 comparison: None,
@@ -331,14 +332,14 @@ fn outweighs((left, causes): (f64, usize), (left_now, causes_now): (f64, usize))
 fn likelier_zero(
     session: &mut Session,
     options: &Options,
-    raw: &mut RawColumns,
+    (lattice_um, raw): (&[f64], &mut RawColumns),
     analysis: Analysis,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Analysis {
     if !session.count_from_ball_zero() {
         return analysis;
     }
-    let from_zero = analyse(session, options, raw, tell);
+    let from_zero = analyse(session, options, lattice_um, raw, tell);
     let log = |a: &Analysis| a.comparison.as_ref().map_or(f64::NEG_INFINITY, |c| c.log_evidence);
     if log(&from_zero) > log(&analysis) + STRONG {
         return from_zero;
@@ -348,21 +349,23 @@ fn likelier_zero(
 }
 
 /// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid
-/// must not decide between sets.
+/// must not decide between sets. `outlying`: readings that are marked, or lie apart from their repeats.
 fn compare(
     session: &Session,
     mut library: Library,
-    ordinary: &[bool],
+    outlying: &[usize],
     (gap, lattice_um, white_um): (&[f64], &[f64], &[f64]),
 ) -> Option<Analysis> {
     let mut before = None;
+    let mut ordinary = vec![true; gap.len()];
+    outlying.iter().for_each(|i| ordinary[*i] = false);
     for round in 1.. {
-        let comparison = evidence::compare(session, &library, gap, ordinary, white_um)?;
+        let comparison = evidence::compare(session, &library, gap, &ordinary, white_um)?;
         let chosen: Vec<usize> =
             comparison.contenders.iter().filter(|c| c.chosen).map(|c| c.variant).collect();
         let settled = round == ROUNDS || before.as_ref() == Some(&chosen);
         let data = (gap.to_vec(), lattice_um.to_vec(), white_um);
-        let analysis = compared(session, library.clone(), (comparison, &chosen, settled), data);
+        let analysis = compared(session, library.clone(), (comparison, &chosen, settled), outlying, data);
         if settled || analysis.library.variants == library.variants {
             return Some(analysis);
         }
@@ -377,12 +380,12 @@ fn compared(
     session: &Session,
     mut library: Library,
     (comparison, chosen, jointly): (Comparison, &[usize], bool),
+    outlying: &[usize],
     (gap, lattice_um, white_um): (Vec<f64>, Vec<f64>, &[f64]),
 ) -> Analysis {
-    let marked = (0..gap.len()).filter(|i| session.readings[*i].is_marked);
     let found =
         comparison.outlying.iter().filter(|(_, w)| *w > (SIGNIFICANT / SURE).powi(2)).map(|(i, _)| *i);
-    let mut outlying: Vec<usize> = marked.chain(found).collect();
+    let mut outlying: Vec<usize> = outlying.iter().copied().chain(found).collect();
     outlying.sort_unstable();
     let mut used = vec![true; gap.len()];
     outlying.iter().for_each(|i| used[*i] = false);

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::constants::{
-    BEYOND_TAILS, FEW, HALF, LINE_CHANCE, ONE_AXIS, OUTLIERS_SHARE, PASSED, STEP_UM, STRONG, TOLD,
+    BEYOND_TAILS, HALF, LINE_CHANCE, ONE_AXIS, OUTLIERS_SHARE, PASSED, STEP_UM, STRONG, TOLD,
 };
 use super::library::{Effect, Kind, Label, Without};
 use super::noise::{ClassNoise, Tone, angle_noise, pair_residuals, range_noise, tails, tone};
@@ -112,8 +112,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     let mut found = Vec::new();
     let n = e.gap.len();
     let outlying = e.outlying.len();
-    let many = outlying >= FEW && outlying as f64 >= OUTLIERS_SHARE * n as f64;
-    if many && beyond_tails(e) {
+    if outlying as f64 >= OUTLIERS_SHARE * n as f64 && beyond_tails(e) {
         let share = outlying as f64 / n as f64;
         let std = (share / n as f64).sqrt();
         let mut wild = cause("outliers", PASSED[0], &[("share_percent", 100.0 * share, 100.0 * std)]);

@@ -1,7 +1,7 @@
 //! Rounding: readings that are whole multiples of one step.
 
 use super::super::constants::{DECIMALS_UM, MANY, ROWS, STEP_DECIMALS};
-use super::super::session::Session;
+use super::super::session::{Reading, Session};
 use super::pair_residuals;
 
 /// Least number of different readings that prove a step, of readings that differ from their repeats, and the most steps between the
@@ -14,7 +14,7 @@ const DIFFERENT_OF_MANY: usize = 2;
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Class {
     deviations_um: Vec<f64>,
-    /// Some differ from their repeats.
+    /// Some differ from their repeats, or from both neighbours, which agree.
     is_restless: bool,
 }
 
@@ -32,8 +32,22 @@ pub fn lattices(session: &Session) -> Vec<f64> {
         *differing += usize::from(apart.abs() > DECIMALS_UM);
         class.is_restless = *differing >= DIFFERENT;
     }
-    let classes: Vec<Class> = classes.into_iter().map(|(class, _)| class).collect();
+    let mut classes: Vec<Class> = classes.into_iter().map(|(class, _)| class).collect();
+    for (k, class) in classes.iter_mut().enumerate() {
+        class.is_restless |= flickers(session, k) >= DIFFERENT;
+    }
     steps(&classes)
+}
+
+/// How many readings of a class differ from the one before and the one after in their run, which agree: no motion does that, noise does.
+fn flickers(session: &Session, class: usize) -> usize {
+    let of_class: Vec<_> = session.readings.iter().filter(|r| r.instrument == class).collect();
+    let same = |a: f64, b: f64| (a - b).abs() <= DECIMALS_UM;
+    let flickers = |w: &&[&Reading]| {
+        let [before, own, after] = [w[0], w[1], w[2]].map(|r| r.deviation_um);
+        w[0].run == w[2].run && same(before, after) && !same(before, own)
+    };
+    of_class.windows(3).filter(flickers).count()
 }
 
 fn steps(classes: &[Class]) -> Vec<f64> {

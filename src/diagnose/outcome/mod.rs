@@ -17,7 +17,7 @@ use nalgebra::DVector;
 use super::addition::Addition;
 use super::assessment::assess;
 use super::constants::{HALF, LISTED, LITTLE, NEARLY};
-use super::decision::{Assessed, Evidence, HeldOut, decide, declare_all};
+use super::decision::{Assessed, Evidence, HeldOut, Reason, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
@@ -37,6 +37,7 @@ use budget::{budget, programs};
 use curves::curves;
 use effect_export::{addition, not_seen_on, seen_on};
 use fitted::Fitted;
+use rejection_text::words;
 use unexplained::unexplained;
 
 /// A fitted effect over the data, for a picture; an effect that is seen in several directions has a curve in each.
@@ -210,7 +211,7 @@ pub(super) fn conclude(
         .flat_map(|(place, v)| std::iter::repeat_n(place, a.problem.span[*v].1))
         .collect();
     tell(0.9, "forecast");
-    let assessed = match &a.comparison {
+    let mut assessed = match &a.comparison {
         Some(c) => compared::assessed(a, c, &held_out(session, a, &parts, &owner)),
         None if options.ablation.has_gates() => {
             decide(evidence(session, a, &parts, &owner), &held_out(session, a, &parts, &owner))
@@ -219,16 +220,10 @@ pub(super) fn conclude(
     };
     let declared = |j: usize| assessed[owner[j]].is_declared();
     let day = day(session, a, &parts, &owner, &assessed);
-    let shrink = match &a.comparison {
-        Some(c) => compared::forecast(
-            session,
-            a,
-            c,
-            &parts,
-            &declared,
-            (&beta, &given.covariance(&a.problem)),
-            options.seed,
-        ),
+    let covariance = given.covariance(&a.problem);
+    let fit = (&beta[..], &covariance[..]);
+    let mut shrink = match &a.comparison {
+        Some(c) => compared::forecast(session, a, c, &parts, &declared, fit, options.seed),
         None => forecast(&a.problem, &a.gap, &parts, &declared, &day, options.seed),
     };
     let before = without_offsets(session, &a.gap, &a.used);
@@ -240,7 +235,6 @@ pub(super) fn conclude(
     let y = a.filter.column(&a.gap);
     let total = structure(session, &a.problem, &y);
     let leftover = structure(session, &a.problem, &left);
-    let covariance = given.covariance(&a.problem);
     let without_causes = minus(&a.gap, &parts.in_sample, declared);
     let mut causes = causes::causes(session, a, &assessed, &parts, &before, &owner, (&beta, &covariance));
     re_expression::mark(session, a, &options.without, &assessed, &mut causes);
@@ -286,6 +280,23 @@ pub(super) fn conclude(
             (shrink.rms_before_um, shrink.rms_after_um),
         ),
     };
+    // what does not repeat explains nothing of a gap that does
+    let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic);
+    let is_little = shrink.fraction <= LITTLE;
+    let verdict = match (any && !(is_little && a.comparison.is_some()), unexplained.significant) {
+        (true, false) if !is_little => Verdict::Explained,
+        (true, _) => Verdict::PartlyExplained,
+        (false, true) => Verdict::Unexplained,
+        (false, false) => Verdict::NoGap,
+    };
+    if let (Verdict::NoGap, Some(c)) = (verdict, &a.comparison) {
+        let because = Reason::Little { shrink: shrink.fraction };
+        assessed.iter_mut().for_each(|x| x.withdraw(because));
+        for cause in causes.iter_mut().filter(|c| c.declared && c.kind != Kind::Stochastic) {
+            (cause.declared, cause.remark) = (false, words(because));
+        }
+        shrink = compared::forecast(session, a, c, &parts, &|_| false, fit, options.seed);
+    }
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
     notes.extend(varying(a, &assessed));
@@ -308,15 +319,6 @@ pub(super) fn conclude(
             within_forecast: (shrink.ci90[0]..=shrink.ci90[1]).contains(&fraction),
         }
     });
-    // what does not repeat explains nothing of a gap that does
-    let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic);
-    let is_little = shrink.fraction <= LITTLE;
-    let verdict = match (any && !(is_little && a.comparison.is_some()), unexplained.significant) {
-        (true, false) if !is_little => Verdict::Explained,
-        (true, _) => Verdict::PartlyExplained,
-        (false, true) => Verdict::Unexplained,
-        (false, false) => Verdict::NoGap,
-    };
     let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
     let curves = curves(session, a, &assessed, &fitted);

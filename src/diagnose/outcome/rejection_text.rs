@@ -12,7 +12,7 @@ pub(super) fn remark(x: &Assessed) -> String {
     }
 }
 
-fn words(reason: Reason) -> String {
+pub(super) fn words(reason: Reason) -> String {
     let text = match reason {
         Reason::HeldOut { with_um, without_um } => {
             return format!(
@@ -22,6 +22,12 @@ fn words(reason: Reason) -> String {
         Reason::Harms { with_um, without_um } => {
             return format!(
                 "its correction makes the gap larger: {with_um:.2} µm with it, {without_um:.2} µm without it; drift takes back what it says"
+            );
+        }
+        Reason::Little { shrink } => {
+            return format!(
+                "the gap is within the noise, and correcting it would take out {:.0} % of it at most",
+                100.0 * shrink.max(0.0)
             );
         }
         Reason::Worse => "fits readings that were left out worse than no effect at all",

@@ -52,6 +52,9 @@ pub fn discrepancy(
     // what goes with the position of one axis has a name: positioning, straightness
     let is_nameless = |k: &usize| powers[k % powers.len()].iter().filter(|d| **d > 0).count() > 1;
     let nameless: Vec<usize> = (0..columns.ncols()).filter(is_nameless).collect();
+    if nameless.is_empty() {
+        return None;
+    }
     let left = Left::new(problem, &selection.chosen, &columns);
     let own = left.beside_rest(&nameless);
     let scales = SCALES.map(|s| s * least_um);
