@@ -100,27 +100,23 @@ fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay> {
         recordings::models(parsed)?.into_iter().map(|m| (m.hash, Arc::new(m.model))).collect();
     let model = match &args.model {
         // a later model may be there where the first one is damaged
-        None => inside
-            .iter()
-            .find(|(hash, _)| blake3::Hash::from(*hash).to_hex().as_str() == meta.model_hash)
-            .map(|(_, model)| Arc::clone(model))
-            .ok_or_else(|| {
+        None => {
+            let is_first = |hash: &[u8; 32]| blake3::Hash::from(*hash).to_hex().as_str() == meta.model_hash;
+            let first = inside.iter().find(|(hash, _)| is_first(hash)).map(|(_, model)| Arc::clone(model));
+            let (model, hash) = (&meta.model, &meta.model_hash);
+            first.ok_or_else(|| {
                 failure!(
                     EX_DATAERR,
-                    "{path} (model inside): the model of its beginning, {} (blake3 {}), is missing or damaged\n  \
-                     hint: name that file with --model",
-                    meta.model,
-                    meta.model_hash
+                    "{path} (model inside): the model of its beginning, {model} (blake3 {hash}), is missing or damaged\n  \
+                     hint: name that file with --model"
                 )
-            })?,
+            })?
+        }
         Some(path) => {
             let (_, model, hash) = files::read_hashed_model(path)?;
             if hash.as_str() != meta.model_hash {
-                note!(
-                    "note: {} is not the model of the recording (blake3 {hash}, there {})",
-                    path.display(),
-                    meta.model_hash
-                );
+                let (path, there) = (path.display(), &meta.model_hash);
+                note!("note: {path} is not the model of the recording (blake3 {hash}, there {there})");
             }
             Arc::new(model)
         }

@@ -77,11 +77,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     let [before, after] = files.map(|path| input::hash(path, InputKind::Stream));
     if before.is_some() && before == after {
-        return Err(data!(
-            args.after,
-            "holds the same data as {}; name the test after compensation",
-            files[0].display()
-        ));
+        let before = files[0].display();
+        return Err(data!(args.after, "holds the same data as {before}; name the test after compensation"));
     }
     let options = CompareOptions {
         plane: args.plane,
@@ -134,15 +131,13 @@ fn other_range(test: &Compared) -> Option<String> {
     if test.readings.iter().any(Vec::is_empty) {
         return None;
     }
-    let [before, after] = test.readings.each_ref().map(|all| hull(all.iter().map(Placed::target)));
-    let limit = SAME_RANGE * (before[1] - before[0]).max(after[1] - after[0]);
-    let differs = before.iter().zip(&after).any(|(b, a)| (b - a).abs() > limit);
+    let [[a, b], [c, d]] = test.readings.each_ref().map(|all| hull(all.iter().map(Placed::target)));
+    let limit = SAME_RANGE * (b - a).max(d - c);
     let unit = if test.unit == "arcsec" { "deg" } else { "mm" };
-    differs.then(|| {
+    ((c - a).abs() > limit || (d - b).abs() > limit).then(|| {
         format!(
-            "before covers {} to {} {unit}, after {} to {} {unit}: figures of different ranges do not compare; measure the same targets \
-             before and after",
-            before[0], before[1], after[0], after[1]
+            "before covers {a} to {b} {unit}, after {c} to {d} {unit}: figures of different ranges do not compare; measure the same \
+             targets before and after"
         )
     })
 }
@@ -350,13 +345,9 @@ struct Motion {
 fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
     let [before, after] = [read_motions(files[0])?, read_motions(files[1])?];
     let names = |m: &[Motion]| m.iter().map(|m| m.name.clone()).collect::<Vec<_>>();
-    if names(&before) != names(&after) {
-        return Err(data!(
-            files[1],
-            "columns are {}, those before are {}",
-            names(&after).join(", "),
-            names(&before).join(", ")
-        ));
+    let [old, new] = [names(&before), names(&after)];
+    if old != new {
+        return Err(data!(files[1], "columns are {}, those before are {}", new.join(", "), old.join(", ")));
     }
     let placed = |motions: &[Motion]| -> Vec<Placed> {
         let of = |(k, m): (usize, &Motion)| {

@@ -95,11 +95,8 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
     physical
         .map(|(name, v)| {
             if let ("width_um", Some((place, width))) = (name.as_str(), in_the_middle) {
-                return format!(
-                    "width {} µm at {} {place:.0} mm",
-                    with_uncertainty(width),
-                    cause.subject.to_uppercase()
-                );
+                let (width, axis) = (with_uncertainty(width), cause.subject.to_uppercase());
+                return format!("width {width} µm at {axis} {place:.0} mm");
             }
             let (stem, unit) = match unit_of(name).unwrap_or((name, "")) {
                 (stem, "µm/m") if turns => (stem, "µrad/rad"),
@@ -228,12 +225,10 @@ pub(super) fn headline(found: &Diagnosis) -> String {
     let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
     let s = &r.shrink;
     let (verb, them) = if names.len() == 1 { ("explains", "it") } else { ("explain", "them") };
+    let [less, low, high] = [s.fraction, s.ci90[0], s.ci90[1]].map(|share| number(100.0 * share, 0));
     let after = format!(
-        "correcting {them} is expected to leave {} µm RMS ({} % less, 90 % interval {} to {} %)",
-        um(s.rms_after_um),
-        number(100.0 * s.fraction, 0),
-        number(100.0 * s.ci90[0], 0),
-        number(100.0 * s.ci90[1], 0)
+        "correcting {them} is expected to leave {} µm RMS ({less} % less, 90 % interval {low} to {high} %)",
+        um(s.rms_after_um)
     );
     match r.verdict {
         Verdict::NoGap => {

@@ -191,15 +191,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
     stdout_once(&args.model, args.json.as_deref())?;
     let base = args.model.check()?;
     let mut by_symbol = BySymbol::new();
-    if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
-        return Err(usage!(
-            "{} files but {} axes; give --axis once, or once per --errors",
-            args.errors.len(),
-            args.axis.len()
-        ));
+    let [files, axes] = [args.errors.len(), args.axis.len()];
+    if axes != 1 && axes != files {
+        return Err(usage!("{files} files but {axes} axes; give --axis once, or once per --errors"));
     }
     for (i, path) in args.errors.iter().enumerate() {
-        let axis = args.axis[if args.axis.len() == 1 { 0 } else { i }];
+        let axis = args.axis[if axes == 1 { 0 } else { i }];
         read(path, axis, args.format, args.cycles.as_ref(), args.direction, &mut by_symbol)?;
     }
     positions::check(&by_symbol, |axis| args.travel_of(axis, base.as_ref()))?;

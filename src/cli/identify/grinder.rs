@@ -242,21 +242,15 @@ impl Outcome<'_> {
                 before.join(" ")
             )
         };
+        let Consistency { factor, enlarged, p_value, .. } = test;
+        let (axis, p, line) = (found.axis, small(p_value), self.lines[step][found.worst.row]);
+        let direction = DEVIATIONS[found.worst.direction];
         note!(
-            "warning: {path}: step of axis {}: residuals of {rms:.2} um rms, {:.1} times the {expected:.2} um expected (p {}), the \
-             largest in line {}: {} {worst:+.2} um; {cause}",
-            found.axis,
-            test.factor,
-            small(test.p_value),
-            self.lines[step][found.worst.row],
-            DEVIATIONS[found.worst.direction],
+            "warning: {path}: step of axis {axis}: residuals of {rms:.2} um rms, {factor:.1} times the {expected:.2} um expected \
+             (p {p}), the largest in line {line}: {direction} {worst:+.2} um; {cause}"
         );
-        note!(
-            "note: the uncertainties of axis {}{} are enlarged by {:.1}",
-            found.axis,
-            if before.is_empty() { "" } else { " and of the axes before that move in this step" },
-            test.enlarged
-        );
+        let others = if before.is_empty() { "" } else { " and of the axes before that move in this step" };
+        note!("note: the uncertainties of axis {axis}{others} are enlarged by {enlarged:.1}");
     }
 }
 
@@ -279,10 +273,8 @@ impl Found for Outcome<'_> {
 
     fn print(&self) {
         let chain = &self.chain;
-        say_text!(
-            "{}, measured in the order of the rows. Uncertainty of the tool tip (k = 1) in um:",
-            chain.spec().chain
-        );
+        let axes = &chain.spec().chain;
+        say_text!("{axes}, measured in the order of the rows. Uncertainty of the tool tip (k = 1) in um:");
         say!(
             "step  positions readings    noise      own  inherited    total  chain so far      rms   expected"
         );

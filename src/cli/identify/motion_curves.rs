@@ -188,15 +188,10 @@ impl Motions<'_> {
         }
         let std = cells(&|c| gauged.std(c));
         say!("{:>12}{std}   of one reading at one position", "std (k=1)");
-        let slopes: Vec<String> = (0..3)
-            .filter(|i| *i != axis.direction())
-            .map(|i| format!("{} {:+.3}", symbols(axis)[i], arcsec_from_rad(gauged.slope[i])))
-            .collect();
-        say!(
-            "zero at {} mm; slopes removed from the straightnesses (arcsec): {}",
-            gauged.reference_position,
-            slopes.join(", ")
-        );
+        let slope = |i: usize| format!("{} {:+.3}", symbols(axis)[i], arcsec_from_rad(gauged.slope[i]));
+        let slopes = (0..3).filter(|i| *i != axis.direction()).map(slope).joined(", ");
+        let zero = gauged.reference_position;
+        say!("zero at {zero} mm; slopes removed from the straightnesses (arcsec): {slopes}");
     }
 }
 

@@ -167,10 +167,8 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
     let header = &summary.header;
     note!("{}: SINUMERIK Edge capture", path.display());
     if let Some(machine) = header.machine() {
-        note!(
-            "  machine {machine}, recorded {}",
-            header.time_stamp.as_deref().unwrap_or("at an unknown time")
-        );
+        let time = header.time_stamp.as_deref().unwrap_or("at an unknown time");
+        note!("  machine {machine}, recorded {time}");
     }
     let Summary { rows, duration_s, .. } = summary;
     let (signals, cycle_ms) = (header.signals.len(), header.cycle_ms);

@@ -49,10 +49,8 @@ fn read(
             let tables = isg::parse(text, &model.spec.chain, args.control.sense).map_err(fail)?;
             note!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
             if !tables.kinematics.is_empty() {
-                note!(
-                    "  note: {} describe the control's kinematics and are no errors; left out",
-                    tables.kinematics.join(" ")
-                );
+                let names = tables.kinematics.join(" ");
+                note!("  note: {names} describe the control's kinematics and are no errors; left out");
             }
             Ok(tables.errors)
         }
@@ -126,11 +124,7 @@ fn describe(symbol: ErrorSymbol, function: &ErrorFunction) {
         }
     }
     for grid in &function.grids {
-        let axes = grid
-            .axes()
-            .enumerate()
-            .map(|(i, a)| format!("{} along {a}", grid.positions(i).len()))
-            .joined(", ");
-        note!("  {symbol}: grid, {axes}");
+        let axes = grid.axes().enumerate().map(|(i, a)| format!("{} along {a}", grid.positions(i).len()));
+        note!("  {symbol}: grid, {}", axes.joined(", "));
     }
 }

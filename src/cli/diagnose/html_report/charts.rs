@@ -27,11 +27,9 @@ pub(super) type Figure = (String, String);
 
 /// Two bars, one above the other, as shares of the largest.
 pub(super) fn before_and_after_bar(before: f64, after: f64) -> String {
-    let width = |v: f64| 100.0 * v.clamp(0.0, 1.0);
+    let [before, after] = [before, after].map(|v| 100.0 * v.clamp(0.0, 1.0));
     format!(
-        "<span class=\"pair\"><i class=\"bar g\" style=\"width:{:.1}%\"></i><i class=\"bar a\" style=\"width:{:.1}%\"></i></span>",
-        width(before),
-        width(after)
+        "<span class=\"pair\"><i class=\"bar g\" style=\"width:{before:.1}%\"></i><i class=\"bar a\" style=\"width:{after:.1}%\"></i></span>"
     )
 }
 

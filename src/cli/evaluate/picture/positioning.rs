@@ -135,12 +135,8 @@ fn draw_places(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Dra
         let ((x, y_low), (_, y_high)) = (pixel(chart, t.target, low), pixel(chart, t.target, high));
         let x = x + side;
         bracket(area, x, y_low, y_high)?;
-        let label = format!(
-            "{name} {value:.2} {} at {} {}",
-            shown.unit,
-            (t.target * 1e3).round() / 1e3,
-            shown.target_unit
-        );
+        let (Shown { unit, target_unit, .. }, target) = (shown, (t.target * 1e3).round() / 1e3);
+        let label = format!("{name} {value:.2} {unit} at {target} {target_unit}");
         let (_, y_top) = pixel(chart, t.target, top);
         let y = y_top + 5 + 18 * row;
         let room = 7 * label.chars().count() as i32;

@@ -233,11 +233,9 @@ fn print(found: &ToolAxis, stated: bool) {
     for (k, c) in found.circles.iter().enumerate() {
         let ([x, y, z], arc): ([f64; 3], _) = (c.centre.into(), c.arc.to_degrees());
         let [radial, axial] = [c.rms_radial, c.rms_axial].map(um_from_mm);
+        let (number, radius, points) = (k + 1, c.radius, c.points);
         say_text!(
-            "circle {}: centre ({x:.4} {y:.4} {z:.4}) mm, radius {:.4} mm, {} points over {arc:.0} deg, rms {radial:.2} um radial, {axial:.2} um axial",
-            k + 1,
-            c.radius,
-            c.points
+            "circle {number}: centre ({x:.4} {y:.4} {z:.4}) mm, radius {radius:.4} mm, {points} points over {arc:.0} deg, rms {radial:.2} um radial, {axial:.2} um axial"
         );
     }
     let (d, t, e) = (found.direction, found.tip, found.direction_error.map(arcsec_from_rad));

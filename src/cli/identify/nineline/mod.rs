@@ -59,12 +59,9 @@ impl Case {
         self.readings
             .iter()
             .map(|(name, value)| {
-                let unknown = || {
-                    format!(
-                        "reading {name}: write dx1, dy1, dz1 for the first of {} lines",
-                        self.lines_yz.len()
-                    )
-                };
+                let count = self.lines_yz.len();
+                let unknown =
+                    || format!("reading {name}: write dx1, dy1, dz1 for the first of {count} lines");
                 let rest = name.strip_prefix('d').ok_or_else(unknown)?;
                 let direction =
                     ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;

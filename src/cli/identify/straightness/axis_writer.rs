@@ -131,11 +131,9 @@ impl AxisWriter {
         }
         self.place(&mut fits.model.spec, axis, &fits.fitted, moved, stored);
         let mut comment = fits.sources.heading(&format!("identify {}", origin.method));
-        comment.push(format!(
-            "axis {axis}: measured in the {} sense, straightness about the {} line",
-            measured_sense.name(),
-            self.rule.name().replace('_', "-")
-        ));
+        let (sense, rule) = (measured_sense.name(), self.rule.name().replace('_', "-"));
+        comment
+            .push(format!("axis {axis}: measured in the {sense} sense, straightness about the {rule} line"));
         fits.write(&self.model, &comment)
     }
 

@@ -324,10 +324,8 @@ fn move_to_base(
                 ));
             }
             if i >= 3 && value.is_none() {
-                return Err(usage!(
-                    "--base-point-mm needs all three angles, {} was not measured",
-                    ErrorSymbol::Motion { component: Component::ALL[i], axis }
-                ));
+                let symbol = ErrorSymbol::Motion { component: Component::ALL[i], axis };
+                return Err(usage!("--base-point-mm needs all three angles, {symbol} was not measured"));
             }
             *slot = value.unwrap_or(0.0);
         }

@@ -91,11 +91,10 @@ impl Case {
             }
             _ => return Err("give either points_measured or observations_range_az_el".to_owned()),
         };
-        if measured.len() != self.points_platform.len() {
+        let [seen, known] = [measured.len(), self.points_platform.len()];
+        if seen != known {
             return Err(format!(
-                "{} measured points for {} platform points; every point needs both",
-                measured.len(),
-                self.points_platform.len()
+                "{seen} measured points for {known} platform points; every point needs both"
             ));
         }
         Ok(self
@@ -244,13 +243,12 @@ fn print(pose: &PoseErrors) {
         let [linear, std, rigid] = [pose.motion[i], std(pose, c), pose.rigid[i]].map(units.of_value);
         say!("E{:<5}{linear:>14.4}{std:>12.4}{rigid:>14.4}  {}", c.letter(), units.value);
     }
-    let (PoseErrors { chi2, dof, p_value, .. }, g) = (pose, &pose.geometry);
+    let PoseErrors { chi2, dof, p_value, geometry, .. } = pose;
+    let Geometry { condition_scaled, condition_centroid, .. } = geometry;
     say!(
-        "rigidity: chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}; condition {:.1} at the platform origin, {:.1} at the centroid",
-        g.condition_scaled,
-        g.condition_centroid
+        "rigidity: chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}; condition {condition_scaled:.1} at the platform origin, {condition_centroid:.1} at the centroid"
     );
-    if let Some(warning) = g.warning() {
+    if let Some(warning) = geometry.warning() {
         note!("warning: {warning}");
     }
 }

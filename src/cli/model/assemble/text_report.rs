@@ -74,10 +74,8 @@ impl Report<'_> {
             _ => ": not tested, no uncertainty is stated".to_owned(),
         };
         let ([a, b], [largest, rms]) = (c.sources.map(|s| self.name(s)), [c.largest.abs(), c.rms].map(out));
-        format!(
-            "{} {a} and {b}{over}: largest difference {largest:.3}, rms {rms:.3} {unit}{tested}",
-            c.symbol
-        )
+        let symbol = c.symbol;
+        format!("{symbol} {a} and {b}{over}: largest difference {largest:.3}, rms {rms:.3} {unit}{tested}")
     }
 
     fn dropped(&self, d: &Dropped) -> String {
