@@ -56,18 +56,13 @@ impl Additions {
             all.push(addition);
         }
         let evaluator = Evaluator::new(&all);
-        let sources = evaluator
-            .sources()
-            .into_iter()
-            .map(|s| {
-                let factor = if s == Source::Spindle { 1e-3 } else { 1.0 };
-                Ok((table.require(&s.to_string())?, factor))
-            })
-            .collect::<Result<_, Failure>>()?;
-        let takes_length = all
-            .iter()
-            .flat_map(Addition::machine_effects)
-            .any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
+        let source = |s: Source| {
+            let factor = if s == Source::Spindle { 1e-3 } else { 1.0 };
+            Ok((table.require(&s.to_string())?, factor))
+        };
+        let sources = evaluator.sources().into_iter().map(source).collect::<Result<_>>()?;
+        let mut effects = all.iter().flat_map(Addition::machine_effects);
+        let takes_length = effects.any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
         let machine = machine_of(spec, model);
         let known = MachineState::fields().into_iter();
         let fields = known.filter_map(|(name, field)| Some((table.find(&name)?, field))).collect();

@@ -154,18 +154,15 @@ impl Verified {
 
     fn json(&self) -> Map<String, Value> {
         let key = if self.test.unit == "arcsec" { "arcsec" } else { "um" };
-        let figures = self.test.figures.iter();
-        let figures: Map<_, _> = figures
-            .zip(self.uncertain())
-            .map(|([b, a], two)| {
-                let significant = two[0].zip(two[1]).and_then(|(b, a)| is_significant(b, a));
-                let entry = json!({
-                    "before": b.value, "before_u95": b.compared, "after": a.value, "after_u95": a.compared,
-                    "significant": significant,
-                });
-                (a.key.clone(), entry)
-            })
-            .collect();
+        let figure = |([b, a], two): (&[Assessed; 2], [Option<Uncertain>; 2])| {
+            let significant = two[0].zip(two[1]).and_then(|(b, a)| is_significant(b, a));
+            let entry = json!({
+                "before": b.value, "before_u95": b.compared, "after": a.value, "after_u95": a.compared,
+                "significant": significant,
+            });
+            (a.key.clone(), entry)
+        };
+        let figures: Map<_, _> = self.test.figures.iter().zip(self.uncertain()).map(figure).collect();
         let [before, after] = self.sizes.map(|s| json!([s.low, s.high]));
         let mut out = Map::from_iter([
             ("test".to_owned(), json!(self.test.test)),
@@ -356,16 +353,13 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
         };
         motions.iter().enumerate().flat_map(of).collect()
     };
-    let charts = before
-        .iter()
-        .zip(&after)
-        .map(|(b, a)| {
-            let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
-            let name = b.name.trim_end_matches("_um").to_uppercase();
-            let plot = Plot::new(name, "position, mm", "deviation, µm");
-            plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
-        })
-        .collect();
+    let chart = |(b, a): (&Motion, &Motion)| {
+        let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
+        let name = b.name.trim_end_matches("_um").to_uppercase();
+        let plot = Plot::new(name, "position, mm", "deviation, µm");
+        plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
+    };
+    let charts = before.iter().zip(&after).map(chart).collect();
     let compared = Compared {
         test: "straightness",
         standard: "Error motions of an axis about their end-point lines, ISO 230-1:2012",

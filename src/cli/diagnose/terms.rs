@@ -168,12 +168,9 @@ impl Compensable {
     pub(super) fn of(found: &Diagnosis, spec: Option<&ModelSpec>) -> Self {
         let plain =
             || Chain::parse("[w b X Y Z t]").ok().map(|chain| ModelSpec::new(&found.addition.machine, chain));
-        let fates = spec
-            .cloned()
-            .or_else(plain)
-            .and_then(|spec| extend(&spec, &[], &found.addition).ok())
-            .map(|extended| extended.fates.into_iter().collect())
-            .unwrap_or_default();
+        let of = spec.cloned().or_else(plain);
+        let extended = of.and_then(|spec| extend(&spec, &[], &found.addition).ok());
+        let fates = extended.map(|e| e.fates.into_iter().collect()).unwrap_or_default();
         Self { fates, is_assumed: spec.is_none() }
     }
 
@@ -216,12 +213,8 @@ fn listed(names: &[String]) -> String {
 pub(super) fn headline(found: &Diagnosis) -> String {
     let r = &found.report;
     let repeating = |c: &&Cause| c.declared && c.kind != Kind::Stochastic;
-    let names: Vec<String> = found
-        .budget
-        .sorted(r.causes.iter().filter(repeating))
-        .into_iter()
-        .map(|c| name(&c.effect, &c.subject))
-        .collect();
+    let causes = found.budget.sorted(r.causes.iter().filter(repeating));
+    let names: Vec<String> = causes.into_iter().map(|c| name(&c.effect, &c.subject)).collect();
     let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
     let s = &r.shrink;
     let (verb, them) = if names.len() == 1 { ("explains", "it") } else { ("explain", "them") };

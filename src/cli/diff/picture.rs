@@ -46,10 +46,8 @@ fn panel(area: &Area<'_>, diff: &Diff, models: &[Model; 2], error: &ErrorDiffere
         let values = relative_values(&diff.files[which].spec, &models[which], symbol, &at, travel);
         at.iter().zip(values).map(|(q, v)| (position_out(axis, *q), error_out(symbol, v))).collect()
     };
-    let lines: Vec<Line> = [0, 1]
-        .into_iter()
-        .flat_map(|which| [Travel::Forward, Travel::Reverse].map(|t| (which, t, line(which, t))))
-        .collect();
+    let both = |which| [Travel::Forward, Travel::Reverse].map(|t| (which, t, line(which, t)));
+    let lines: Vec<Line> = [0, 1].into_iter().flat_map(both).collect();
     let [from, to] = [low, high].map(|q| position_out(axis, q));
     let axes = Axes {
         title: &symbol.to_string(),

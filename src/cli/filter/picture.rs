@@ -72,22 +72,17 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Drawn {
         Key::dot(VERMILLION, "what is used"),
     ];
     let area = &with_legend(area, &keys)?;
-    let title = format!(
-        "{}.{} ({}), difference from the offline map; used with weight {:.2}",
-        map.name, map.components[c], map.units[c], map.weight
-    );
+    let (map_name, name, unit, weight) = (&map.name, &map.components[c], &map.units[c], map.weight);
+    let title =
+        format!("{map_name}.{name} ({unit}), difference from the offline map; used with weight {weight:.2}");
     let mut chart = axes(area, &title, "X in mm", low..high.max(low + 1.0), -largest..largest)?;
     for line in lines(map) {
         let of = |values: fn(&NodeStatus) -> &Vec<f64>| {
             line.iter().map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c])).collect::<Vec<_>>()
         };
         let (value, std, used) = (of(|n| &n.value), of(|n| &n.std), of(|n| &n.used));
-        chart.draw_series(
-            value
-                .iter()
-                .zip(&std)
-                .map(|((x, v), (_, s))| PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE.mix(0.4))),
-        )?;
+        let bars = value.iter().zip(&std).map(|((x, v), (_, s))| vec![(*x, v - s), (*x, v + s)]);
+        chart.draw_series(bars.map(|bar| PathElement::new(bar, BLUE.mix(0.4))))?;
         chart.draw_series(LineSeries::new(value, &BLUE))?;
         chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, VERMILLION.filled())))?;
     }
@@ -132,12 +127,9 @@ fn consistency(area: &Area<'_>, course: &Course) -> Drawn {
 /// RMS innovation of the readings and what is expected of it.
 fn innovations(area: &Area<'_>, course: &Course) -> Drawn {
     let title = "RMS innovation of a reading, in learned standard deviations of the sensor";
-    over_time(
-        area,
-        course,
-        title,
-        &[("", &|_, now| now.innovation), (" expected", &|_, now| now.innovation_expected)],
-    )
+    let curves: [(&str, Of<'_>); 2] =
+        [("", &|_, now| now.innovation), (" expected", &|_, now| now.innovation_expected)];
+    over_time(area, course, title, &curves)
 }
 
 /// Share of the readings since the entry before that were used.

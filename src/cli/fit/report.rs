@@ -299,10 +299,8 @@ pub(crate) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> V
         };
         let text = |v: f64| Units::of(symbol).text(v, 4);
         let rmse = text(rmse_dof.unwrap_or(*rmse_n));
-        let u = f
-            .fit
-            .standard_uncertainty()
-            .map_or_else(String::new, |u| format!(", u of the curve {} (k = 1)", text(u)));
+        let u = f.fit.standard_uncertainty();
+        let u = u.map_or_else(String::new, |u| format!(", u of the curve {} (k = 1)", text(u)));
         lines.push(format!("{symbol}: {basis}{order}{reversal}, n {n}, m {m}, rmse {rmse}{u}{out}"));
     }
     lines

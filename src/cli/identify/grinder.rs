@@ -261,13 +261,8 @@ impl Found for Outcome<'_> {
 
     /// Lengths in um, angles in arcsec.
     fn json(&self) -> Value {
-        let steps: Vec<Value> = self
-            .chain
-            .steps()
-            .iter()
-            .zip(&self.lines)
-            .map(|(found, lines)| step_json(found, lines))
-            .collect();
+        let steps = self.chain.steps().iter().zip(&self.lines);
+        let steps: Value = steps.map(|(found, lines)| step_json(found, lines)).collect();
         json!({"chain": self.chain.spec().chain.to_string(), "steps": steps})
     }
 

@@ -211,12 +211,11 @@ struct Outcome<'a> {
 
 impl<'a> Outcome<'a> {
     fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
-        let axes: [AxisName; 3] = args
-            .axes
-            .as_slice()
-            .try_into()
-            .map_err(|_| usage!("--axes names {} axes; a grid has three", args.axes.len()))?;
-        if axes[0] == axes[1] || axes[0] == axes[2] || axes[1] == axes[2] {
+        let &[a, b, c] = &args.axes[..] else {
+            return Err(usage!("--axes names {} axes; a grid has three", args.axes.len()));
+        };
+        let axes = [a, b, c];
+        if a == b || a == c || b == c {
             return Err(usage!("--axes names an axis twice"));
         }
         let grid = NodeGrid::new(args.first.clone(), args.second.clone(), args.third.clone())

@@ -194,11 +194,9 @@ impl Documented<'_> {
 
     fn functions(&self, page: &mut Page) {
         // errors determined elsewhere than the file as a whole
+        let of_file = origin(&self.file.provenance);
         let own = |symbol: ErrorSymbol| {
-            self.file
-                .origin_of(symbol)
-                .and_then(origin)
-                .filter(|o| Some(o) != origin(&self.file.provenance).as_ref())
+            self.file.origin_of(symbol).and_then(origin).filter(|o| Some(o) != of_file.as_ref())
         };
         let apart = self.spec().errors.iter().any(|(s, _)| own(*s).is_some());
         let heads =

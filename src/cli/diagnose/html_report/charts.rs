@@ -91,27 +91,14 @@ pub(super) fn file_name(path: &str) -> &str {
 
 /// The gap as measured over the gap that the declared causes predict, each without the set-up offsets.
 pub(super) fn measured_and_predicted(found: &Diagnosis) -> Option<Figure> {
-    let points: Vec<(f64, f64)> = found
-        .before_um
-        .iter()
-        .zip(&found.after_um)
-        .filter(|(b, a)| b.is_finite() && a.is_finite())
-        .map(|(b, a)| (b - a, *b))
-        .collect();
-    let points = thinned(&points);
+    let both = found.before_um.iter().zip(&found.after_um).filter(|(b, a)| b.is_finite() && a.is_finite());
+    let points = thinned(&both.map(|(b, a)| (b - a, *b)).collect::<Vec<_>>());
     if points.len() < 2 {
         return None;
     }
-    let mut chart = Chart::new(
-        HALF,
-        Labels {
-            title: "Measured against predicted",
-            x: "gap predicted by the causes, µm",
-            y: "gap measured, µm",
-        },
-        points.iter().map(|p| p.0),
-        points.iter().map(|p| p.1),
-    );
+    let (title, x, y) = ("Measured against predicted", "gap predicted by the causes, µm", "gap measured, µm");
+    let (xs, ys) = (points.iter().map(|p| p.0), points.iter().map(|p| p.1));
+    let mut chart = Chart::new(HALF, Labels { title, x, y }, xs, ys);
     chart.marks(Mark::Dot, Ink::Blue, points.iter().copied());
     let [low, high] = chart.shared_range();
     chart.reference([(low, low), (high, high)]);
@@ -121,7 +108,7 @@ pub(super) fn measured_and_predicted(found: &Diagnosis) -> Option<Figure> {
     ];
     // the comparison of few readings fits all of them
     let how = if found.report.is_compared { "" } else { "each reading predicted from the others" };
-    Some((chart.finish(), caption("Measured against predicted", &keys, how)))
+    Some((chart.finish(), caption(title, &keys, how)))
 }
 
 /// The gap before and after over time and over each axis that moves.
@@ -193,17 +180,10 @@ fn residual(
     if shown().count() < 2 {
         return None;
     }
-    let (what, title) = if is_gap {
-        ("gap", format!("Gap over {over}"))
-    } else {
-        ("residual", format!("Residual over {over}"))
-    };
-    let mut chart = Chart::new(
-        HALF,
-        Labels { title: &title, x: x_label, y: &format!("{what}, µm") },
-        shown().map(|p| p.0),
-        shown().map(|p| p.1),
-    );
+    let what = if is_gap { "gap" } else { "residual" };
+    let title = capital(&format!("{what} over {over}"));
+    let labels = Labels { title: &title, x: x_label, y: &format!("{what}, µm") };
+    let mut chart = Chart::new(HALF, labels, shown().map(|p| p.0), shown().map(|p| p.1));
     let mut keys = Vec::new();
     if !is_gap {
         chart.marks(Mark::Dot, Ink::Grey, before.iter().copied());

@@ -324,10 +324,8 @@ fn unexplained(page: &mut Page, found: &Diagnosis) {
     }
     let (size, share, looks) = (um(b.unexplained_um), percent(b.shares().unexplained), with_names(&looks));
     page.paragraph(format!("{size} µm RMS, {share} of the mean square of the gap: {looks}."));
-    let places = u
-        .places
-        .iter()
-        .take(5)
+    let places = u.places.iter().take(5);
+    let places = places
         .map(|p| format!("{} {} {} ({})", p.by, p.of, percent(p.share), p.detail).replace("  ", " "))
         .joined("; ");
     if !places.is_empty() {

@@ -133,20 +133,15 @@ fn trend(page: &mut Page, trend: &Trend) {
     let points = |c: &super::trend::Course| -> Vec<(f64, f64)> {
         trend.at.iter().zip(&c.values).filter_map(|(t, v)| v.map(|(v, _)| (*t, v))).collect()
     };
-    let plots: Vec<_> = trend
-        .courses
-        .iter()
-        .take(1 + COURSES)
-        .map(|c| {
-            let (name, unit) = c.name.rsplit_once(", ").unwrap_or((&c.name, ""));
-            Plot::new(name, &trend.axis, unit)
-                .with(Style::Line, "", points(c))
-                .with(Style::Dots, "test", points(c))
-                // a scale from zero: noise of a constant is no trend
-                .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
-        })
-        .collect();
-    page.charts(&plots);
+    let plot = |c: &super::trend::Course| {
+        let (name, unit) = c.name.rsplit_once(", ").unwrap_or((&c.name, ""));
+        Plot::new(name, &trend.axis, unit)
+            .with(Style::Line, "", points(c))
+            .with(Style::Dots, "test", points(c))
+            // a scale from zero: noise of a constant is no trend
+            .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
+    };
+    page.charts(&trend.courses.iter().take(1 + COURSES).map(plot).collect::<Vec<_>>());
     trend.table().put(page);
     page.note(
         "Change: last test minus first one, with the expanded uncertainty of both fits. The instrument and how it was set up are \

@@ -84,38 +84,30 @@ impl Sink for Table {
         let writer = schema(columns)
             .and_then(|s| SerializedFileWriter::new(BufWriter::new(file), Arc::new(s), Arc::new(properties)));
         self.writer = Some(writer.map_err(|e| failure(&self.path, &e))?);
-        self.columns = columns
-            .iter()
-            .map(|column| {
-                let values = match column.kind {
-                    Kind::Number => Values::Number(Vec::new()),
-                    Kind::Whole => Values::Whole(Vec::new()),
-                    Kind::Text => Values::Text(Vec::new()),
-                };
-                Filling { values, present: Vec::new() }
-            })
-            .collect();
+        let filling = |column: &Column| {
+            let values = match column.kind {
+                Kind::Number => Values::Number(Vec::new()),
+                Kind::Whole => Values::Whole(Vec::new()),
+                Kind::Text => Values::Text(Vec::new()),
+            };
+            Filling { values, present: Vec::new() }
+        };
+        self.columns = columns.iter().map(filling).collect();
         Ok(())
     }
 
     fn row(&mut self, cells: &[Cell]) -> Result<()> {
         for (column, cell) in self.columns.iter_mut().zip(cells) {
-            let present = match (&mut column.values, cell) {
-                (Values::Number(values), Cell::Number(v)) => {
-                    values.push(*v);
-                    1
+            match (&mut column.values, cell) {
+                (Values::Number(values), Cell::Number(v)) => values.push(*v),
+                (Values::Whole(values), Cell::Whole(v)) => values.push(*v),
+                (Values::Text(values), Cell::Text(v)) => values.push(ByteArray::from(*v)),
+                _ => {
+                    column.present.push(0);
+                    continue;
                 }
-                (Values::Whole(values), Cell::Whole(v)) => {
-                    values.push(*v);
-                    1
-                }
-                (Values::Text(values), Cell::Text(v)) => {
-                    values.push(ByteArray::from(*v));
-                    1
-                }
-                _ => 0,
-            };
-            column.present.push(present);
+            }
+            column.present.push(1);
         }
         self.rows += 1;
         if self.rows >= GROUP { self.group() } else { Ok(()) }

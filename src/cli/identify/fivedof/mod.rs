@@ -302,18 +302,13 @@ fn measured(
 ) -> Vec<Measured> {
     let covariance = head.covariance(far);
     let std = to_machine(axis, std::array::from_fn(|i| covariance[(i, i)].sqrt()));
-    Component::ALL
-        .into_iter()
-        .filter(|c| c.index() != axis.direction() && (with_roll || c.index() != axis.direction() + 3))
-        .map(|component| Measured {
-            component,
-            readings: run
-                .rows
-                .iter()
-                .zip(&aligned.motion)
-                .map(|(r, m)| Reading { value: to_machine(axis, *m)[component.index()], ..*r })
-                .collect(),
-            std: Some(std[component.index()]).filter(|s| *s > 0.0),
-        })
-        .collect()
+    let (along, roll) = (axis.direction(), axis.direction() + 3);
+    let of = |component: Component| {
+        let i = component.index();
+        let rows = run.rows.iter().zip(&aligned.motion);
+        let readings = rows.map(|(r, m)| Reading { value: to_machine(axis, *m)[i], ..*r }).collect();
+        Measured { component, readings, std: Some(std[i]).filter(|s| *s > 0.0) }
+    };
+    let is_measured = |c: &Component| c.index() != along && (with_roll || c.index() != roll);
+    Component::ALL.into_iter().filter(is_measured).map(of).collect()
 }

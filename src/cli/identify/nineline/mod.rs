@@ -55,21 +55,16 @@ struct Case {
 impl Case {
     /// `dy2` is the displacement along y on the second line.
     fn readings(&self) -> Result<Vec<LineReading>, String> {
-        let sigma = self.sigma.unwrap_or(1.0);
-        self.readings
-            .iter()
-            .map(|(name, value)| {
-                let count = self.lines_yz.len();
-                let unknown =
-                    || format!("reading {name}: write dx1, dy1, dz1 for the first of {count} lines");
-                let rest = name.strip_prefix('d').ok_or_else(unknown)?;
-                let direction =
-                    ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;
-                let line: usize = rest[1..].parse().map_err(|_| unknown())?;
-                let [y, z] = line.checked_sub(1).and_then(|i| self.lines_yz.get(i)).ok_or_else(unknown)?;
-                Ok(LineReading { target: Vec3::new(self.x_target, *y, *z), direction, value: *value, sigma })
-            })
-            .collect()
+        let (sigma, count) = (self.sigma.unwrap_or(1.0), self.lines_yz.len());
+        let reading = |(name, value): (&String, &f64)| {
+            let unknown = || format!("reading {name}: write dx1, dy1, dz1 for the first of {count} lines");
+            let rest = name.strip_prefix('d').ok_or_else(unknown)?;
+            let direction = ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;
+            let line: usize = rest[1..].parse().map_err(|_| unknown())?;
+            let [y, z] = line.checked_sub(1).and_then(|i| self.lines_yz.get(i)).ok_or_else(unknown)?;
+            Ok(LineReading { target: Vec3::new(self.x_target, *y, *z), direction, value: *value, sigma })
+        };
+        self.readings.iter().map(reading).collect()
     }
 }
 

@@ -102,16 +102,11 @@ impl Method for Args {
             a_axis: Vec3::from(case.head.A_axis_from_Z_reference),
             tool_length: case.head.tool_length,
         };
-        let poses: Vec<HeadPose> = case
-            .poses
-            .iter()
-            .map(|p| HeadPose {
-                c: p.C,
-                a: p.A,
-                tip_error: Vec3::from(p.tip_position_error),
-                direction_error: Vec3::from(p.tool_direction_error),
-            })
-            .collect();
+        let pose = |p: &CasePose| {
+            let (tip_error, direction_error) = (p.tip_position_error.into(), p.tool_direction_error.into());
+            HeadPose { c: p.C, a: p.A, tip_error, direction_error }
+        };
+        let poses: Vec<HeadPose> = case.poses.iter().map(pose).collect();
         let noise = RamNoise { position: case.sigma_position, direction: case.sigma_direction };
         let prior = case
             .prior

@@ -81,13 +81,11 @@ impl Case {
                     angle: self.sigma_angle.unwrap_or(1.0),
                 };
                 let station = Vec3::from(self.tracker_origin.ok_or("tracker_origin is missing")?);
-                observations
-                    .iter()
-                    .map(|[range, azimuth, elevation]| {
-                        let o = Observation { range: *range, azimuth: *azimuth, elevation: *elevation };
-                        (station + o.point(), o.covariance(&noise))
-                    })
-                    .collect()
+                let seen = |[range, azimuth, elevation]: &[f64; 3]| {
+                    let o = Observation { range: *range, azimuth: *azimuth, elevation: *elevation };
+                    (station + o.point(), o.covariance(&noise))
+                };
+                observations.iter().map(seen).collect()
             }
             _ => return Err("give either points_measured or observations_range_az_el".to_owned()),
         };
@@ -97,12 +95,10 @@ impl Case {
                 "{seen} measured points for {known} platform points; every point needs both"
             ));
         }
-        Ok(self
-            .points_platform
-            .iter()
-            .zip(measured)
-            .map(|(p, (measured, covariance))| Seen { platform: Vec3::from(*p), measured, covariance })
-            .collect())
+        let pairs = self.points_platform.iter().zip(measured);
+        let seen =
+            pairs.map(|(p, (measured, covariance))| Seen { platform: (*p).into(), measured, covariance });
+        Ok(seen.collect())
     }
 }
 
