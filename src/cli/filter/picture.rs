@@ -75,7 +75,8 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Drawn {
     let (map_name, name, unit, weight) = (&map.name, &map.components[c], &map.units[c], map.weight);
     let title =
         format!("{map_name}.{name} ({unit}), difference from the offline map; used with weight {weight:.2}");
-    let mut chart = axes(area, &title, "X in mm", low..high.max(low + 1.0), -largest..largest)?;
+    let ranges = [low..high.max(low + 1.0), -largest..largest];
+    let mut chart = axes(area, [&title, "X in mm"], ranges)?;
     for line in lines(map) {
         let of = |values: fn(&NodeStatus) -> &Vec<f64>| {
             line.iter().map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c])).collect::<Vec<_>>()
@@ -90,13 +91,8 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Drawn {
 }
 
 /// Axes with a title above.
-fn axes<'a, 'b>(
-    area: &'a Area<'b>,
-    title: &str,
-    x_label: &str,
-    x: Range<f64>,
-    y: Range<f64>,
-) -> Drawn<Chart<'a, 'b>> {
+fn axes<'a, 'b>(area: &'a Area<'b>, words: [&str; 2], [x, y]: [Range<f64>; 2]) -> Drawn<Chart<'a, 'b>> {
+    let [title, x_label] = words;
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 15, &INK))
         .margin(8)
@@ -169,7 +165,7 @@ fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<
     }
     let area = &with_legend(area, &keys)?;
     let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
-    let mut chart = axes(area, title, "time in s", 0.0..end, 0.0..TOP)?;
+    let mut chart = axes(area, [title, "time in s"], [0.0..end, 0.0..TOP])?;
     for (line, colour) in drawn {
         chart.draw_series(LineSeries::new(line, &colour))?;
     }

@@ -65,11 +65,12 @@ pub(super) trait Report {
 
 /// The motions of an axis in the gauge of a model, with what a method says about them.
 pub(super) struct Motions<'a> {
-    args: &'a CurveArgs,
+    pub(super) args: &'a CurveArgs,
     pub(super) gauged: Gauged,
     pub(super) origin: Origin,
-    base: ModelFile,
-    report: Box<dyn Report + 'a>,
+    /// The model before.
+    pub(super) base: ModelFile,
+    pub(super) report: Box<dyn Report + 'a>,
 }
 
 impl CurveArgs {
@@ -81,17 +82,6 @@ impl CurveArgs {
     /// Brings the motions (relative sense) into the gauge of a model.
     pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin) -> Result<Gauged> {
         gauge(rows, origin.axis, self.zero_at_mm, self.straightness).map_err(|e| data_error(&origin.files, e))
-    }
-
-    /// The motions with their report.
-    pub(super) fn motions<'a>(
-        &'a self,
-        gauged: Gauged,
-        origin: Origin,
-        base: ModelFile,
-        report: impl Report + 'a,
-    ) -> Option<Box<dyn Found + 'a>> {
-        Some(Box::new(Motions { args: self, gauged, origin, base, report: Box::new(report) }))
     }
 }
 

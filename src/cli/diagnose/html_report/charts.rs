@@ -118,7 +118,7 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
     if session.is_ordinal() {
         // no duration holds: the order is all there is
         let order: Vec<f64> = (1..=times.len()).map(|k| k as f64).collect();
-        figures.extend(residual(session, found, "the order measured", "number of the reading", &order));
+        figures.extend(residual(session, found, ("the order measured", "number of the reading", &order)));
     }
     let span = extent(&times);
     let (factor, unit) = if span > 10_800.0 {
@@ -131,7 +131,7 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
     let times: Vec<f64> = times.iter().map(|t| t / factor).collect();
     let clock = if session.files.len() > 1 { ", on the clock of each file" } else { "" };
     if !session.is_ordinal() {
-        figures.extend(residual(session, found, "time", &format!("time{clock}, {unit}"), &times));
+        figures.extend(residual(session, found, ("time", &format!("time{clock}, {unit}"), &times)));
     }
     for axis in &session.axes {
         let slot = axis.slot();
@@ -139,7 +139,7 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
         let (unit, of): (_, fn(f64) -> f64) =
             if axis.is_linear() { ("mm", |v| v) } else { ("°", f64::to_degrees) };
         let values: Vec<f64> = session.moments.iter().map(|m| of(m.position[slot])).collect();
-        figures.extend(residual(session, found, &letter, &format!("{letter}, {unit}"), &values));
+        figures.extend(residual(session, found, (&letter, &format!("{letter}, {unit}"), &values)));
     }
     figures
 }
@@ -149,13 +149,10 @@ fn extent(values: &[f64]) -> f64 {
     if high > low { high - low } else { 0.0 }
 }
 
-fn residual(
-    session: &Session,
-    found: &Diagnosis,
-    over: &str,
-    x_label: &str,
-    values: &[f64],
-) -> Option<Figure> {
+/// Over what, the label of its axis, and its values.
+type Abscissa<'a> = (&'a str, &'a str, &'a [f64]);
+
+fn residual(session: &Session, found: &Diagnosis, (over, x_label, values): Abscissa<'_>) -> Option<Figure> {
     if extent(values) <= 1e-9 {
         return None;
     }

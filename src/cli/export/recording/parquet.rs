@@ -34,12 +34,14 @@ struct Filling {
     present: Vec<i16>,
 }
 
+type Writer = SerializedFileWriter<BufWriter<File>>;
+
 /// The file being written.
 pub(super) struct Table {
     path: PathBuf,
     file: Option<File>,
     about: Vec<KeyValue>,
-    writer: Option<SerializedFileWriter<BufWriter<File>>>,
+    writer: Option<Writer>,
     columns: Vec<Filling>,
     rows: usize,
 }
@@ -61,7 +63,7 @@ impl Table {
     /// Writes the last rows and what a reader finds them by.
     pub(super) fn finish(mut self) -> Result<()> {
         self.group()?;
-        let closed = self.writer.take().map(SerializedFileWriter::close).transpose();
+        let closed = self.writer.take().map(Writer::close).transpose();
         closed.map(drop).map_err(|e| failure(&self.path, &e))
     }
 
@@ -82,7 +84,7 @@ impl Sink for Table {
             .set_key_value_metadata(Some(std::mem::take(&mut self.about)))
             .build();
         let writer = schema(columns)
-            .and_then(|s| SerializedFileWriter::new(BufWriter::new(file), Arc::new(s), Arc::new(properties)));
+            .and_then(|s| Writer::new(BufWriter::new(file), Arc::new(s), Arc::new(properties)));
         self.writer = Some(writer.map_err(|e| failure(&self.path, &e))?);
         let filling = |column: &Column| {
             let values = match column.kind {
@@ -131,10 +133,7 @@ fn schema(columns: &[Column]) -> Result<Type, ParquetError> {
     Type::group_type_builder("recording").with_fields(fields).build()
 }
 
-fn write_group(
-    writer: &mut SerializedFileWriter<BufWriter<File>>,
-    columns: &mut [Filling],
-) -> Result<(), ParquetError> {
+fn write_group(writer: &mut Writer, columns: &mut [Filling]) -> Result<(), ParquetError> {
     let mut group = writer.next_row_group()?;
     for Filling { values, present } in columns {
         let Some(mut column) = group.next_column()? else { break };

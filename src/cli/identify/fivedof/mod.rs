@@ -227,12 +227,11 @@ impl<'a> Outcome<'a> {
             }
             _ => true,
         };
-        let far = run.readings.iter().map(|r| r.distance).fold(0.0, f64::max);
         let files = [path.to_owned()].iter().chain(&args.calibration).chain(&args.resting).cloned().collect();
         Ok(Self {
             args,
             axis,
-            measured: measured(axis, &run, &aligned, head, far, with_roll),
+            measured: measured(axis, &run, &aligned, head, with_roll),
             aligned,
             drift: reduced.iter().flat_map(|r| r.pointing).flatten().fold(0.0f64, |m, v| m.max(v.abs())),
             stretch: Stretch::of(&positions, &reduced, head, &run.readings),
@@ -292,15 +291,8 @@ impl Found for Outcome<'_> {
 }
 
 /// The aligned errors in machine directions, one list of readings per error.
-fn measured(
-    axis: AxisName,
-    run: &Run,
-    aligned: &Aligned,
-    head: &Head,
-    far: f64,
-    with_roll: bool,
-) -> Vec<Measured> {
-    let covariance = head.covariance(far);
+fn measured(axis: AxisName, run: &Run, aligned: &Aligned, head: &Head, with_roll: bool) -> Vec<Measured> {
+    let covariance = head.covariance(run.readings.iter().map(|r| r.distance).fold(0.0, f64::max));
     let std = to_machine(axis, std::array::from_fn(|i| covariance[(i, i)].sqrt()));
     let (along, roll) = (axis.direction(), axis.direction() + 3);
     let of = |component: Component| {

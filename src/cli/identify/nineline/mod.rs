@@ -136,18 +136,21 @@ impl Method for Args {
         let gauged = self.curves.gauge(rows, &origin)?;
         let compared = self.compare.as_ref().map(|path| compare::with(path, axis, &gauged)).transpose()?;
         misfit.compared = compared.map(|compared| (compared, axis));
-        Ok(self.curves.motions(gauged, origin, base, misfit))
+        Ok(Some(Box::new(Motions { args: &self.curves, gauged, origin, base, report: Box::new(misfit) })))
     }
 }
 
+/// What was read at one stop.
+type Stop = (Reading, Vec<LineReading>);
+
 /// Every stop on its own, at the reference point, times `sign`.
 fn solve_stops(
-    stops: &[(Reading, Vec<LineReading>)],
+    stops: &[Stop],
     reference: &Vec3,
     sign: f64,
     files: &[PathBuf],
 ) -> Result<(Vec<MotionRow>, Vec<NineLine>)> {
-    let one = |(at, readings): &(Reading, Vec<LineReading>)| {
+    let one = |(at, readings): &Stop| {
         let &Reading { position, cycle, travel, .. } = at;
         let found = solve(readings)
             .map_err(|e| data_error(files, format_args!("position {position} mm, cycle {cycle}: {e}")))?;
@@ -157,10 +160,10 @@ fn solve_stops(
     stops.iter().map(one).collect::<Result<Vec<_>, _>>().map(|all| all.into_iter().unzip())
 }
 
-fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>> {
+fn read_lines(path: &Path) -> Result<Vec<Named>> {
     let mut table = columns::open(path)?;
     let (name, at) = (table.require("line")?, table.three(["x_mm", "y_mm", "z_mm"])?);
-    let mut lines: Vec<(String, Vec3)> = Vec::new();
+    let mut lines: Vec<Named> = Vec::new();
     table.rows(|row| {
         let word = row.word(name);
         if word.is_empty() || lines.iter().any(|(n, _)| *n == word) {
@@ -174,7 +177,7 @@ fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>> {
 
 fn read_readings(
     path: &Path,
-    lines: &[(String, Vec3)],
+    lines: &[Named],
     sigmas: &[f64; 3],
     stops: &mut Stops<LineReading>,
 ) -> Result<()> {
@@ -213,11 +216,7 @@ struct Misfit {
 }
 
 /// The reading with the largest residual in units of its noise.
-fn worst(
-    stops: &[(Reading, Vec<LineReading>)],
-    solved: &[NineLine],
-    lines: &[(String, Vec3)],
-) -> Option<(String, f64)> {
+fn worst(stops: &[Stop], solved: &[NineLine], lines: &[Named]) -> Option<(String, f64)> {
     let all = stops.iter().zip(solved).flat_map(|((at, readings), found)| {
         readings.iter().zip(&found.residuals).map(move |(reading, residual)| (at, reading, *residual))
     });

@@ -156,7 +156,8 @@ impl Method for Args {
         let files = data.iter().chain(&self.head).chain(&self.prior).cloned().collect();
         let origin = Origin { axis, reference: self.reference_mm, method: "ram", files };
         let gauged = self.curves.gauge(rows, &origin)?;
-        Ok(self.curves.motions(gauged, origin, base, Fits(fits)))
+        let report = Box::new(Fits(fits));
+        Ok(Some(Box::new(Motions { args: &self.curves, gauged, origin, base, report })))
     }
 }
 

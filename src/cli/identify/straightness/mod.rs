@@ -230,6 +230,9 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
     Ok(set_up.table)
 }
 
+/// Place and direction, and the motion in machine directions.
+type Row = (Reading, [Option<f64>; 6]);
+
 /// Where the readings of a run stand in its table.
 struct Readings {
     run: RunColumns,
@@ -275,7 +278,7 @@ impl Readings {
     }
 
     /// The current row: place and direction, and the motion in machine directions.
-    fn read(&self, row: &Columns) -> Result<(Reading, [Option<f64>; 6])> {
+    fn read(&self, row: &Columns) -> Result<Row> {
         let mut motion = [None; 6];
         match &self.signs {
             Some(t) => motion = t.apply(&self.channels.read(row)?),
@@ -298,9 +301,7 @@ fn read_run(path: &Path, axis: AxisName, args: &Args, signs: Option<&SignFile>) 
         move_to_base(args, axis, base, &mut rows)?;
     }
     let of = |component: Component| -> Option<Measured> {
-        let one = |(r, motion): &(Reading, [Option<f64>; 6])| {
-            Some(Reading { value: motion[component.index()]?, ..*r })
-        };
+        let one = |(r, motion): &Row| Some(Reading { value: motion[component.index()]?, ..*r });
         let readings: Option<Vec<Reading>> = rows.iter().map(one).collect();
         readings.map(|readings| Measured { component, readings, std: None })
     };
@@ -308,12 +309,7 @@ fn read_run(path: &Path, axis: AxisName, args: &Args, signs: Option<&SignFile>) 
 }
 
 /// Moves the linear components to the base point, lever by lever (equations 1.5).
-fn move_to_base(
-    args: &Args,
-    axis: AxisName,
-    base: Vec3,
-    rows: &mut [(Reading, [Option<f64>; 6])],
-) -> Result<()> {
+fn move_to_base(args: &Args, axis: AxisName, base: Vec3, rows: &mut [Row]) -> Result<()> {
     let points = args.out.points(axis);
     for (_, motion) in rows {
         let mut full = [0.0; 6];

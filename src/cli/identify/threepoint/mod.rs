@@ -162,8 +162,8 @@ impl Method for Args {
         let origin = Origin { axis, reference: self.origin_mm + reference, method: "threepoint", files };
         let gauged = self.curves.gauge(fit.rows.clone(), &origin)?;
         let names = named.into_iter().map(|p| p.0).collect();
-        let report = report::Threepoint { names, fit, frame, workpiece_side };
-        Ok(self.curves.motions(gauged, origin, base, report))
+        let report = Box::new(report::Threepoint { names, fit, frame, workpiece_side });
+        Ok(Some(Box::new(Motions { args: &self.curves, gauged, origin, base, report })))
     }
 }
 
