@@ -169,19 +169,16 @@ fn print(report: &Report, walked: &Walked) {
 fn to_json(report: &Report, walked: &Walked) -> serde_json::Value {
     let gap = |g: &Gap| json!({"record": g.record, "dropped": g.dropped, "caught_up_cycles": g.caught_up});
     let difference = |d: &Difference| {
-        json!({
-            "record": d.record, "sequence": d.sequence, "what": d.what,
-            "axis": d.axis.map(|a| a.lower().to_string()), "recorded": d.recorded, "replayed": d.replayed,
-        })
+        let axis = d.axis.map(|a| a.lower().to_string());
+        fields!(d; record, sequence, what, recorded, replayed; "axis": axis)
     };
-    let mut json = fields!(report; records, cycles, compared, differing);
-    json["largest_difference"] = json!(report.largest);
-    json["differences"] = report.differences.iter().map(difference).collect();
-    json["gaps"] = report.gaps.iter().map(gap).collect();
-    json["refused"] = report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect();
-    json["notes"] = json!(walked.notes);
-    json["missing"] = json!(walked.missing);
-    json["damaged"] = json!(walked.damaged);
-    json["complete"] = json!(is_complete(report, walked));
-    json
+    let refused = report.refused.iter().map(|(r, why)| json!({"record": r, "why": why}));
+    fields!(report; records, cycles, compared, differing;
+        "largest_difference": report.largest,
+        "differences": report.differences.iter().map(difference).collect::<Value>(),
+        "gaps": report.gaps.iter().map(gap).collect::<Value>(),
+        "refused": refused.collect::<Value>(),
+        "notes": walked.notes, "missing": walked.missing, "damaged": walked.damaged,
+        "complete": is_complete(report, walked),
+    )
 }

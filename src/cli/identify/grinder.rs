@@ -354,26 +354,19 @@ fn step_json(found: &Step, lines: &[u64]) -> Value {
         locations[key(*symbol)] = json!({"value": of_value(*value), "std": std, "unit": unit});
     }
     let unit = found.axis.kind().position_unit();
-    json!({
+    fields!(found; reference, readings, dof, p_value, condition;
         "axis": found.axis.lower().to_string(),
         "consistent": found.consistency.is_none_or(|c| c.p_value >= SIGNIFICANT),
         format!("position_{unit}"): found.positions.iter().map(|q| position(found, *q)).collect::<Vec<_>>(),
-        "reference": found.reference,
         "motions": motions,
         "locations": locations,
         "set_up": if found.set_up == SetUp::Rigid { "rigid" } else { "shift-only" },
-        "readings": found.readings,
-        "dof": found.dof,
         "noise_um": found.sigma.map(um_from_mm),
         "rms_um": um_from_mm(found.rms),
         "expected_rms_um": found.expected_rms.map(um_from_mm),
-        "p_value": found.p_value,
-        "consistency": found.consistency.map(|c| json!({
-            "p_value": c.p_value,
-            "factor": c.factor,
-            "enlarged": c.enlarged,
-            "passed": c.p_value >= SIGNIFICANT,
-        })),
+        "consistency": found.consistency.map(|c| {
+            fields!(c; p_value, factor, enlarged; "passed": c.p_value >= SIGNIFICANT)
+        }),
         "worst": json!({
             "line": lines[found.worst.row],
             "direction": DEVIATIONS[found.worst.direction],
@@ -383,8 +376,7 @@ fn step_json(found: &Step, lines: &[u64]) -> Value {
         "inherited_um": um(found.tip.inherited),
         "total_um": um(found.tip.total()),
         "chain_um": um(found.chain),
-        "condition": found.condition,
-    })
+    )
 }
 
 fn print_step(found: &Step) {

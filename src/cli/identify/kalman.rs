@@ -257,15 +257,14 @@ impl<'a> Outcome<'a> {
 impl Found for Outcome<'_> {
     fn json(&self) -> Value {
         let Units { value: u, of_value: out, .. } = Units::of(self.symbol);
-        let mut json = fields!(self.run; mean_ratio, readings, rejected, outside, alarm);
-        json["error"] = json!(key(self.symbol));
-        json["nodes_mm"] = (0..self.grid.nodes()).map(|i| json!(self.grid.node(i))).collect();
-        json[format!("change_{u}")] = self.filter.map().map(out).collect();
-        json[format!("std_{u}")] = self.filter.variances().map(|v| out(v.sqrt())).collect();
-        json[format!("noise_{u}")] = json!(out(self.noise.variance().sqrt()));
-        json[format!("rms_before_{u}")] = json!(out(self.run.before));
-        json[format!("rms_after_{u}")] = json!(out(self.run.after));
-        json
+        fields!(self.run; mean_ratio, readings, rejected, outside, alarm;
+            "error": key(self.symbol),
+            "nodes_mm": (0..self.grid.nodes()).map(|i| self.grid.node(i)).collect::<Vec<_>>(),
+            format!("change_{u}"): self.filter.map().map(out).collect::<Value>(),
+            format!("std_{u}"): self.filter.variances().map(|v| out(v.sqrt())).collect::<Value>(),
+            format!("noise_{u}"): out(self.noise.variance().sqrt()),
+            format!("rms_before_{u}"): out(self.run.before), format!("rms_after_{u}"): out(self.run.after),
+        )
     }
 
     fn print(&self) {

@@ -191,7 +191,7 @@ fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>
 
 fn json_of(found: &ToolAxis, stated: bool) -> Value {
     let [one, two] = &found.circles;
-    let mut json = json!({
+    let mut json = fields!(found; sigma, registration_share;
         "centre_1": one.centre.as_slice(),
         "radius_1": one.radius,
         "normal_1": one.normal.as_slice(),
@@ -203,28 +203,20 @@ fn json_of(found: &ToolAxis, stated: bool) -> Value {
         "direction_error_rotvec": found.direction_error.as_slice(),
         "rms_radial": [one.rms_radial, two.rms_radial],
         "rms_axial": [one.rms_axial, two.rms_axial],
-        "sigma": found.sigma,
         "sigma_stated": stated,
         "sigma_direction": found.direction_std(),
         "sigma_tip_lateral": found.tip_lateral_std(),
-        "registration_share": found.registration_share,
         "arc": [one.arc, two.arc],
-        "coaxial": found.coaxial.as_ref().map(|c| json!({
+        "coaxial": found.coaxial.as_ref().map(|c| fields!(c; radii, p_value;
             "axis_direction": c.direction.as_slice(),
             "tip": c.tip.as_slice(),
-            "radii": c.radii,
             "sigma_direction": c.direction_std,
             "sigma_tip_lateral": c.tip_lateral_std,
             "sigma_residual": c.sigma,
-            "p_value": c.p_value,
-        })),
-    });
+        )),
+    );
     if let Some(p) = found.predicted.filter(|_| found.sigma > 0.0) {
-        json["sigma_predicted"] = json!({
-            "centre_inplane": p.centre_in_plane,
-            "direction": p.direction,
-            "tip_lateral": p.tip_lateral,
-        });
+        json["sigma_predicted"] = fields!(p; direction, tip_lateral; "centre_inplane": p.centre_in_plane);
     }
     json
 }

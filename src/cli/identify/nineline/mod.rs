@@ -71,11 +71,8 @@ impl Case {
 fn json_of(found: &NineLine, stated: bool) -> Value {
     // without a stated noise this is the covariance for readings of unit variance
     let covariance = if stated { "cov" } else { "cofactor" };
-    let mut json = fields!(found; condition_scaled, dof, chi2);
-    json["E"] = json!(found.motion.as_slice());
-    json["rank"] = json!(6);
-    json[covariance] = json!(rows(|at| found.covariance[at]));
-    json
+    let matrix = rows(|at| found.covariance[at]);
+    fields!(found; condition_scaled, dof, chi2; "E": found.motion.as_slice(), "rank": 6, covariance: matrix)
 }
 
 fn print(found: &NineLine) {

@@ -267,11 +267,8 @@ fn take_off_head(path: &Path, head: &Head, stops: &mut Stops<HeadPose>) -> Resul
 }
 
 fn json_of(fit: &RamFit) -> Value {
-    let mut json = fields!(fit; rank, chi2, dof, p_value);
-    json["E_lsq"] = json!(fit.motion.as_slice());
-    json["sigma"] = json!(Component::ALL.map(|c| std(fit, c)));
-    json["cov"] = json!(rows(|at| fit.covariance[at]));
-    json
+    let (sigma, covariance) = (Component::ALL.map(|c| std(fit, c)), rows(|at| fit.covariance[at]));
+    fields!(fit; rank, chi2, dof, p_value; "E_lsq": fit.motion.as_slice(), "sigma": sigma, "cov": covariance)
 }
 
 fn std(fit: &RamFit, component: Component) -> f64 {

@@ -54,13 +54,8 @@ impl Method for Args {
         let mut lines = Line::of_all_rules(&case.x, &case.y).map_err(|e| file.bad(e))?;
         let mut json = json!({});
         for (rule, line) in &lines {
-            json[rule.name()] = json!({
-                "slope": line.slope,
-                "intercept": line.intercept,
-                "straightness": line.straightness,
-                "slope_std_per_unit": line.slope_std,
-                "deviation": line.deviations(&case.x, &case.y),
-            });
+            json[rule.name()] = fields!(line; slope, intercept, straightness;
+                "slope_std_per_unit": line.slope_std, "deviation": line.deviations(&case.x, &case.y));
         }
         // in the order of their names
         lines.sort_by_key(|(rule, _)| rule.name());

@@ -209,9 +209,8 @@ fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>> {
 
 fn of_geometry(g: &Geometry) -> Value {
     // infinite numbers become null
-    let mut json = fields!(g; rank, rms_radius, condition_scaled, condition_centroid, roll_growth);
-    json["singular_values_scaled"] = json!(g.singular_values);
-    json
+    fields!(g; rank, rms_radius, condition_scaled, condition_centroid, roll_growth;
+        "singular_values_scaled": g.singular_values)
 }
 
 fn json_of(pose: &PoseErrors) -> Value {

@@ -107,16 +107,13 @@ impl Report for Threepoint {
             "workpiece_side": self.workpiece_side,
             "points": self.names,
             "geometry": geometry,
-            "rigidity": {
-                "chi2": self.fit.chi2,
-                "dof": self.fit.dof,
+            "rigidity": fields!(self.fit; chi2, dof, noise_factor;
                 "p_value": self.p_value(),
-                "noise_factor": self.fit.noise_factor,
                 "worst_row": self.p_value().and_then(|_| self.fit.worst_row()).map(|i| i + 1),
                 "failing_rows": self.p_value().map(|_| self.fit.failing()),
                 "suspect_point": self.suspect().map(|s| s.0),
                 "suspect_lead": self.suspect().map(|s| s.1),
-            },
+            ),
             "registration": self.frame.registered.as_ref().map(Registered::json),
         })
     }
@@ -143,12 +140,7 @@ pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
 
 /// Distances for machines, mm.
 pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value {
-    let side = |s: &Side| {
-        let mut side = fields!(s; poses, mean, std, std_sample, peak_to_peak);
-        side["from"] = json!(names[s.from]);
-        side["to"] = json!(names[s.to]);
-        side
-    };
+    let side = |s: &Side| fields!(s; poses, mean, std, std_sample, peak_to_peak; "from": names[s.from], "to": names[s.to]);
     json!({
         "poses": poses,
         "sides": sides.sides.iter().map(side).collect::<Vec<_>>(),
