@@ -73,15 +73,10 @@ pub(in crate::evaluate) fn draw_deviations<'a, 'b>(
     right: u32,
 ) -> Drawn<Chart<'a, 'b>> {
     let targets = &shown.result.targets;
-    let axes = Axes {
-        title: "",
-        x_label: &format!("target / {}", shown.target_unit),
-        y_label: &format!("deviation / {}", shown.unit),
-        x: with_room(targets.iter().map(|t| t.target), 0.03),
-        y,
-        right,
-        x_ticks: 9,
-    };
+    let (x_label, y_label) =
+        (format!("target / {}", shown.target_unit), format!("deviation / {}", shown.unit));
+    let x = with_room(targets.iter().map(|t| t.target), 0.03);
+    let axes = Axes { title: "", x_label: &x_label, y_label: &y_label, x, y, right, x_ticks: 9 };
     let mut chart = axes.draw(area)?;
     type Side = fn(&AtTarget) -> Option<Spread>;
     let sides: [(Side, RGBColor, Travel); 2] =
