@@ -3,7 +3,7 @@
 use super::input::read_text;
 use super::table::Table;
 use crate::prelude::*;
-use volcomp_effects::addition::{Addition, Evaluator};
+use volcomp_effects::addition::{Addition, Evaluator, FORMAT};
 use volcomp_effects::machine_state::{Axis, Field, Machine, MachineState, Source};
 use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
 
@@ -22,18 +22,15 @@ pub(super) struct Additions {
 pub(crate) fn read_addition(path: &Path) -> Result<Addition> {
     let text = read_text(path, InputKind::Model)?;
     if text.trim_start().starts_with('{') {
-        let format = volcomp_effects::addition::FORMAT;
-        return Err(mistake!(
-            path,
-            "JSON, not {format} (TOML); a diagnosis writes addition.toml beside its report.json"
-        ));
+        let what =
+            format!("JSON, not {FORMAT} (TOML); a diagnosis writes addition.toml beside its report.json");
+        return Err(Failure::mistake(path, what));
     }
     let format = volcomp_config::text_at(&text, &["format"]);
-    if let Some(other) = format.filter(|f| f != volcomp_effects::addition::FORMAT) {
+    if let Some(other) = format.filter(|f| f != FORMAT) {
         return Err(mistake!(
             path,
-            "{other} file, not an addition ({}); a diagnosis writes addition.toml into its --out folder",
-            volcomp_effects::addition::FORMAT
+            "{other} file, not an addition ({FORMAT}); a diagnosis writes addition.toml into its --out folder"
         ));
     }
     Addition::parse(&text).map_err(|e| mistake!(path, "{e}"))
@@ -59,18 +56,13 @@ impl Additions {
             all.push(addition);
         }
         let evaluator = Evaluator::new(&all);
-        let sources = evaluator
-            .sources()
-            .into_iter()
-            .map(|s| {
-                let factor = if s == Source::Spindle { 1e-3 } else { 1.0 };
-                Ok((table.require(&s.to_string())?, factor))
-            })
-            .collect::<Result<_, Failure>>()?;
-        let takes_length = all
-            .iter()
-            .flat_map(Addition::machine_effects)
-            .any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
+        let source = |s: Source| {
+            let factor = if s == Source::Spindle { 1e-3 } else { 1.0 };
+            Ok((table.require(&s.to_string())?, factor))
+        };
+        let sources = evaluator.sources().into_iter().map(source).collect::<Result<_>>()?;
+        let mut effects = all.iter().flat_map(Addition::machine_effects);
+        let takes_length = effects.any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
         let machine = machine_of(spec, model);
         let known = MachineState::fields().into_iter();
         let fields = known.filter_map(|(name, field)| Some((table.find(&name)?, field))).collect();

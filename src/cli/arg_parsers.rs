@@ -17,10 +17,8 @@ pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {
 
 /// A linear axis by its letter.
 pub(super) fn linear_axis(text: &str) -> Result<AxisName, String> {
-    axis_letter(text)
-        .ok()
-        .filter(|axis| axis.kind() == AxisKind::Linear)
-        .ok_or_else(|| format!("invalid linear axis '{text}'; expected one of x y z u v w"))
+    let axis = axis_letter(text).ok().filter(|axis| axis.kind() == AxisKind::Linear);
+    axis.ok_or_else(|| format!("invalid linear axis '{text}'; expected one of x y z u v w"))
 }
 
 /// Numbers with commas between them.
@@ -48,10 +46,8 @@ pub(super) fn number(text: &str) -> Result<f64, String> {
 
 /// A finite number from 0 up.
 pub(super) fn not_negative(text: &str) -> Result<f64, String> {
-    number(text)
-        .ok()
-        .filter(|v| *v >= 0.0)
-        .ok_or_else(|| format!("'{text}' is not a finite number from 0 up"))
+    let value = number(text).ok().filter(|v| *v >= 0.0);
+    value.ok_or_else(|| format!("'{text}' is not a finite number from 0 up"))
 }
 
 /// A finite number above 0.

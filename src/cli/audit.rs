@@ -88,11 +88,8 @@ fn verify(args: &VerifyArgs) -> Result<()> {
         }
         Err(Broken { line, fault, good: (good, hash) }) => {
             if args.json {
-                let last_good = json!({"line": good, "hash": hash});
-                say!(
-                    "{}",
-                    json!({"intact": false, "line": line, "fault": fault.to_string(), "last_good": last_good})
-                );
+                let (fault, last_good) = (fault.to_string(), json!({"line": good, "hash": hash}));
+                say!("{}", json!({"intact": false, "line": line, "fault": fault, "last_good": last_good}));
             }
             Err(failure!(
                 EX_DATAERR,

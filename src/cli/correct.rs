@@ -90,12 +90,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     write_text(&args.out, &corrected.text)?;
     for (axis, held) in model.axes().map(|a| a.name).zip(corrected.held) {
         let Some((blocks, line)) = held else { continue };
+        let (program, blocks, model) = (args.gcode.display(), counted(blocks, "block"), args.model.display());
         note!(
-            "note: {}: {}, the first in line {line}, beyond the range of a curve of {axis} in the model, whose end value is held \
-             there: volcomp check {} lists the ranges; measure the rest of the travel",
-            args.gcode.display(),
-            counted(blocks, "block"),
-            args.model.display()
+            "note: {program}: {blocks}, the first in line {line}, beyond the range of a curve of {axis} in the model, whose end value \
+             is held there: volcomp check {model} lists the ranges; measure the rest of the travel"
         );
     }
     if args.json {

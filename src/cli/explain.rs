@@ -50,8 +50,5 @@ fn find(text: &str) -> Result<&'static Entry> {
 }
 
 fn as_json(e: &Entry) -> serde_json::Value {
-    let mut json = fields!(e; name, text, cause, reaction, remedy);
-    json["code"] = e.code.to_string().into();
-    json["severity"] = e.severity.name().into();
-    json
+    fields!(e; name, text, cause, reaction, remedy; "code": e.code.to_string(), "severity": e.severity.name())
 }

@@ -229,11 +229,10 @@ fn first_bytes(path: &Path, mut file: &File) -> Result<Vec<u8>> {
         match file.read(&mut bytes) {
             Ok(0) if is_anonymous => return Ok(Vec::new()),
             Ok(0) if begun.elapsed() >= WRITER_TIMEOUT => {
+                let (path, seconds) = (path.display(), WRITER_TIMEOUT.as_secs());
                 return Err(failure!(
                     EX_IOERR,
-                    "{}: nothing was written into this FIFO for {} s\n  hint: start the program that writes it, then try again",
-                    path.display(),
-                    WRITER_TIMEOUT.as_secs()
+                    "{path}: nothing was written into this FIFO for {seconds} s\n  hint: start the program that writes it, then try again"
                 ));
             }
             Ok(0) => std::thread::sleep(WRITER_POLL),

@@ -41,9 +41,11 @@ macro_rules! mistake {
     ($file:expr, $($text:tt)*) => { $crate::Failure::mistake(&$file, format_args!($($text)*)) };
 }
 
-/// An object with fields of a struct under their own names.
+/// An object with fields of a struct under their own names, and others as for `json!`.
 macro_rules! fields {
-    ($of:expr; $($name:ident),*) => { serde_json::json!({ $(stringify!($name): $of.$name),* }) };
+    ($of:expr; $($name:ident),* $(; $($other:tt)*)?) => {
+        serde_json::json!({ $(stringify!($name): $of.$name,)* $($($other)*)? })
+    };
 }
 
 /// Subcommands with what runs them.

@@ -63,10 +63,8 @@ pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
 
 /// Words for a person: `µm` and `µs` where a key says `um` and `us`; lines that quote a file stay as they are.
 pub(crate) fn micro(words: &str) -> String {
-    words
-        .split_inclusive('\n')
-        .map(|line| if line.contains(" | ") { line.to_owned() } else { micro_line(line) })
-        .collect()
+    let line = |line: &str| if line.contains(" | ") { line.to_owned() } else { micro_line(line) };
+    words.split_inclusive('\n').map(line).collect()
 }
 
 fn micro_line(line: &str) -> String {

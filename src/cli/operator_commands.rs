@@ -142,11 +142,8 @@ fn send(ask: Ask, common: &Common) -> Result<()> {
         if let Some(change) = &answer.change {
             let figure =
                 |value: Option<f64>, unit| value.map_or_else(|| "?".to_owned(), |v| format!("{v:.2} {unit}"));
-            say_text!(
-                "largest change in the working volume: {}, {}",
-                figure(change.largest_um, "um"),
-                figure(change.largest_arcsec, "arcsec")
-            );
+            let [um, arcsec] = [figure(change.largest_um, "um"), figure(change.largest_arcsec, "arcsec")];
+            say_text!("largest change in the working volume: {um}, {arcsec}");
         }
         say!("{}", answer.state.as_deref().unwrap_or("?"));
     }

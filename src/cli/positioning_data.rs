@@ -137,15 +137,12 @@ impl core::str::FromStr for Cycles {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let bad = || format!("invalid selection of cycles '{text}'; write for example 1-4 or 1,3,5");
-        let ranges: Option<Vec<_>> = text
-            .split(',')
-            .map(|part| {
-                let (from, to) = part.split_once('-').unwrap_or((part, part));
-                let range = from.trim().parse().ok()?..=to.trim().parse().ok()?;
-                (!range.is_empty()).then_some(range)
-            })
-            .collect();
-        ranges.map(Self).ok_or_else(bad)
+        let range = |part: &str| {
+            let (from, to) = part.split_once('-').unwrap_or((part, part));
+            let range = from.trim().parse().ok()?..=to.trim().parse().ok()?;
+            (!range.is_empty()).then_some(range)
+        };
+        text.split(',').map(range).collect::<Option<_>>().map(Self).ok_or_else(bad)
     }
 }
 

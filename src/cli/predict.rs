@@ -174,13 +174,8 @@ impl Columns {
             "tool_z_mm" => self.tool.push((i, 2)),
             "tool_length_mm" => self.tool_length = Some(i),
             _ => {
-                let Some(k) = self
-                    .names
-                    .iter()
-                    .position(|n| column == axis_column(*n) || column == format!("dir_{}", n.lower()))
-                else {
-                    return false;
-                };
+                let is = |n: &AxisName| column == axis_column(*n) || column == format!("dir_{}", n.lower());
+                let Some(k) = self.names.iter().position(is) else { return false };
                 match (column.starts_with("dir_"), self.names[k].kind()) {
                     (true, _) => self.directions.push((i, k)),
                     (false, AxisKind::Linear) => self.axes.push((i, k, 1.0)),
@@ -243,11 +238,8 @@ impl Columns {
             && ["", "mm", "deg", "rad", "um", "m", "in", "inch"].contains(&rest.to_ascii_lowercase().as_str())
         {
             return Err(if self.names.contains(&axis) {
-                format!(
-                    "unknown column; axis {axis} is given as {}, its direction as dir_{}",
-                    axis_column(axis),
-                    axis.lower()
-                )
+                let (column, letter) = (axis_column(axis), axis.lower());
+                format!("unknown column; axis {axis} is given as {column}, its direction as dir_{letter}")
             } else {
                 format!("axis {axis} is not in the chain of the model; columns are {}", known.join(", "))
             });

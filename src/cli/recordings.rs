@@ -32,12 +32,10 @@ pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>> {
     parsed.sort_by_key(|file| file.meta.first_record);
     let runs = parsed.windows(2).find(|w| w[0].meta.run != w[1].meta.run);
     if let Some([a, b]) = runs {
-        let [first, second] = [a, b].map(|file| file.path.display());
+        let ([first, second], [x, y]) = ([a, b].map(|file| file.path.display()), [a, b].map(|f| &f.meta.run));
         return Err(failure!(
             EX_DATAERR,
-            "{first} and {second} are of two runs of the daemon ({} and {}): give the files of one run at a time",
-            a.meta.run,
-            b.meta.run
+            "{first} and {second} are of two runs of the daemon ({x} and {y}): give the files of one run at a time"
         ));
     }
     Ok(parsed)

@@ -100,27 +100,23 @@ fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay> {
         recordings::models(parsed)?.into_iter().map(|m| (m.hash, Arc::new(m.model))).collect();
     let model = match &args.model {
         // a later model may be there where the first one is damaged
-        None => inside
-            .iter()
-            .find(|(hash, _)| blake3::Hash::from(*hash).to_hex().as_str() == meta.model_hash)
-            .map(|(_, model)| Arc::clone(model))
-            .ok_or_else(|| {
+        None => {
+            let is_first = |hash: &[u8; 32]| blake3::Hash::from(*hash).to_hex().as_str() == meta.model_hash;
+            let first = inside.iter().find(|(hash, _)| is_first(hash)).map(|(_, model)| Arc::clone(model));
+            let (model, hash) = (&meta.model, &meta.model_hash);
+            first.ok_or_else(|| {
                 failure!(
                     EX_DATAERR,
-                    "{path} (model inside): the model of its beginning, {} (blake3 {}), is missing or damaged\n  \
-                     hint: name that file with --model",
-                    meta.model,
-                    meta.model_hash
+                    "{path} (model inside): the model of its beginning, {model} (blake3 {hash}), is missing or damaged\n  \
+                     hint: name that file with --model"
                 )
-            })?,
+            })?
+        }
         Some(path) => {
             let (_, model, hash) = files::read_hashed_model(path)?;
             if hash.as_str() != meta.model_hash {
-                note!(
-                    "note: {} is not the model of the recording (blake3 {hash}, there {})",
-                    path.display(),
-                    meta.model_hash
-                );
+                let (path, there) = (path.display(), &meta.model_hash);
+                note!("note: {path} is not the model of the recording (blake3 {hash}, there {there})");
             }
             Arc::new(model)
         }
@@ -173,19 +169,16 @@ fn print(report: &Report, walked: &Walked) {
 fn to_json(report: &Report, walked: &Walked) -> serde_json::Value {
     let gap = |g: &Gap| json!({"record": g.record, "dropped": g.dropped, "caught_up_cycles": g.caught_up});
     let difference = |d: &Difference| {
-        json!({
-            "record": d.record, "sequence": d.sequence, "what": d.what,
-            "axis": d.axis.map(|a| a.lower().to_string()), "recorded": d.recorded, "replayed": d.replayed,
-        })
+        let axis = d.axis.map(|a| a.lower().to_string());
+        fields!(d; record, sequence, what, recorded, replayed; "axis": axis)
     };
-    let mut json = fields!(report; records, cycles, compared, differing);
-    json["largest_difference"] = json!(report.largest);
-    json["differences"] = report.differences.iter().map(difference).collect();
-    json["gaps"] = report.gaps.iter().map(gap).collect();
-    json["refused"] = report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect();
-    json["notes"] = json!(walked.notes);
-    json["missing"] = json!(walked.missing);
-    json["damaged"] = json!(walked.damaged);
-    json["complete"] = json!(is_complete(report, walked));
-    json
+    let refused = report.refused.iter().map(|(r, why)| json!({"record": r, "why": why}));
+    fields!(report; records, cycles, compared, differing;
+        "largest_difference": report.largest,
+        "differences": report.differences.iter().map(difference).collect::<Value>(),
+        "gaps": report.gaps.iter().map(gap).collect::<Value>(),
+        "refused": refused.collect::<Value>(),
+        "notes": walked.notes, "missing": walked.missing, "damaged": walked.damaged,
+        "complete": is_complete(report, walked),
+    )
 }

@@ -130,21 +130,17 @@ fn table(node: Node, name: &str, help: &Help, names: Names) -> Value {
     let (keys, tables) = node.by_pattern(name, names);
     let required: Vec<String> =
         keys.iter().filter(|(_, child)| child.key.required).map(|(name, _)| name.clone()).collect();
-    let properties: Map<String, Value> = keys
-        .into_iter()
-        .map(|(below, child)| {
-            let text = [name, ""].iter().find_map(|t| help.get(&((*t).to_owned(), below.clone())));
-            let mut schema = schema(child, &below, help, names);
-            if let Some(text) = text {
-                schema["description"] = json!(text);
-            }
-            (below, schema)
-        })
-        .collect();
-    let mut patterns: Map<String, Value> = tables
-        .into_iter()
-        .map(|(pattern, child)| (pattern.to_owned(), schema(child, name, help, names)))
-        .collect();
+    let property = |(below, child): (String, Node)| {
+        let text = [name, ""].iter().find_map(|t| help.get(&((*t).to_owned(), below.clone())));
+        let mut schema = schema(child, &below, help, names);
+        if let Some(text) = text {
+            schema["description"] = json!(text);
+        }
+        (below, schema)
+    };
+    let properties: Map<String, Value> = keys.into_iter().map(property).collect();
+    let pattern = |(pattern, child): (&str, Node)| (pattern.to_owned(), schema(child, name, help, names));
+    let mut patterns: Map<String, Value> = tables.into_iter().map(pattern).collect();
     if let Some((_, shape)) = BY_AXIS.iter().find(|(table, _)| *table == name) {
         patterns.insert("^[xyzuvwabcs]-(mm|deg)$".to_owned(), value(shape));
     }

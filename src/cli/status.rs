@@ -144,10 +144,8 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf> {
             let Some(socket) = stated_socket(&String::from_utf8_lossy(&bytes)) else {
                 return Err(without_file(failure));
             };
-            note!(
-                "{}: mistakes in it (volcomp check lists them); its status socket {socket} is used",
-                config.display()
-            );
+            let file = config.display();
+            note!("{file}: mistakes in it (volcomp check lists them); its status socket {socket} is used");
             Ok(config.with_file_name(socket))
         }
     }
@@ -397,26 +395,20 @@ fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
         }
     }
     let all = &status.lifetime;
-    let many = |n: u64, what| counted(usize::try_from(n).unwrap_or(usize::MAX), what);
-    let share = percent(all.late_cycles, all.cycles);
+    let many = |(n, what): (u64, &str)| counted(usize::try_from(n).unwrap_or(usize::MAX), what);
+    let faults = all.faults.values().sum();
+    let [cycles, times, faults, starts] =
+        [(all.cycles, "cycle"), (all.enables, "time"), (faults, "fault"), (all.starts, "start")].map(many);
+    let (late, share) = (all.late_cycles, percent(all.late_cycles, all.cycles));
+    let since = all.since.split('T').next().unwrap_or("-");
     writeln!(
         f,
-        "lifetime    {}, late {} ({share:.4} %), enabled {}, {}, {} since {}",
-        many(all.cycles, "cycle"),
-        all.late_cycles,
-        many(all.enables, "time"),
-        many(all.faults.values().sum(), "fault"),
-        many(all.starts, "start"),
-        all.since.split('T').next().unwrap_or("-")
+        "lifetime    {cycles}, late {late} ({share:.4} %), enabled {times}, {faults}, {starts} since {since}"
     )?;
     for (unit, largest) in [("um", &all.largest_um), ("arcsec", &all.largest_arcsec)] {
         for (axis, value) in largest {
-            let limited_s = all.limited_s.get(axis).copied().unwrap_or(0.0);
-            writeln!(
-                f,
-                "{axis:>4}        largest offset {} {unit}, limited for {limited_s:.3} s",
-                plain(*value, 3)
-            )?;
+            let (value, limited_s) = (plain(*value, 3), all.limited_s.get(axis).copied().unwrap_or(0.0));
+            writeln!(f, "{axis:>4}        largest offset {value} {unit}, limited for {limited_s:.3} s")?;
         }
     }
     if all.audit_lines_lost > 0 {

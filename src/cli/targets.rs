@@ -83,11 +83,8 @@ pub(super) fn conflict(command: &Command, matches: &ArgMatches) -> Option<String
             let longs = (output.get_long().unwrap_or_default(), other.get_long().unwrap_or_default());
             let may_be = j == i || CONTINUES.contains(&longs) || target.as_os_str() == "-";
             if is_same && !may_be {
-                let target = target.display();
-                return Some(format!(
-                    "--{} {target}: is the file of {other}; write to another file",
-                    longs.0
-                ));
+                let (long, target) = (longs.0, target.display());
+                return Some(format!("--{long} {target}: is the file of {other}; write to another file"));
             }
         }
     }

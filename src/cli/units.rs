@@ -75,12 +75,8 @@ pub(crate) fn check_size(
         (um_from_mm(LENGTH_LIMIT), "um", length_unit_hint)
     };
     if largest > limit {
-        let (size, limit) = (plain(largest, 0), plain(limit, 0));
-        return Err(data!(
-            file,
-            "{column} reaches {size} {unit}; the limit is {limit} {unit}: {}",
-            hint(largest)
-        ));
+        let (size, limit, hint) = (plain(largest, 0), plain(limit, 0), hint(largest));
+        return Err(data!(file, "{column} reaches {size} {unit}; the limit is {limit} {unit}: {hint}"));
     }
     if !is_angle && largest > 0.0 && largest < SMALLEST_UM {
         note!(

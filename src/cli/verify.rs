@@ -77,11 +77,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     let [before, after] = files.map(|path| input::hash(path, InputKind::Stream));
     if before.is_some() && before == after {
-        return Err(data!(
-            args.after,
-            "holds the same data as {}; name the test after compensation",
-            files[0].display()
-        ));
+        let before = files[0].display();
+        return Err(data!(args.after, "holds the same data as {before}; name the test after compensation"));
     }
     let options = CompareOptions {
         plane: args.plane,
@@ -134,15 +131,13 @@ fn other_range(test: &Compared) -> Option<String> {
     if test.readings.iter().any(Vec::is_empty) {
         return None;
     }
-    let [before, after] = test.readings.each_ref().map(|all| hull(all.iter().map(Placed::target)));
-    let limit = SAME_RANGE * (before[1] - before[0]).max(after[1] - after[0]);
-    let differs = before.iter().zip(&after).any(|(b, a)| (b - a).abs() > limit);
+    let [[a, b], [c, d]] = test.readings.each_ref().map(|all| hull(all.iter().map(Placed::target)));
+    let limit = SAME_RANGE * (b - a).max(d - c);
     let unit = if test.unit == "arcsec" { "deg" } else { "mm" };
-    differs.then(|| {
+    ((c - a).abs() > limit || (d - b).abs() > limit).then(|| {
         format!(
-            "before covers {} to {} {unit}, after {} to {} {unit}: figures of different ranges do not compare; measure the same targets \
-             before and after",
-            before[0], before[1], after[0], after[1]
+            "before covers {a} to {b} {unit}, after {c} to {d} {unit}: figures of different ranges do not compare; measure the same \
+             targets before and after"
         )
     })
 }
@@ -159,18 +154,15 @@ impl Verified {
 
     fn json(&self) -> Map<String, Value> {
         let key = if self.test.unit == "arcsec" { "arcsec" } else { "um" };
-        let figures = self.test.figures.iter();
-        let figures: Map<_, _> = figures
-            .zip(self.uncertain())
-            .map(|([b, a], two)| {
-                let significant = two[0].zip(two[1]).and_then(|(b, a)| is_significant(b, a));
-                let entry = json!({
-                    "before": b.value, "before_u95": b.compared, "after": a.value, "after_u95": a.compared,
-                    "significant": significant,
-                });
-                (a.key.clone(), entry)
-            })
-            .collect();
+        let figure = |([b, a], two): (&[Assessed; 2], [Option<Uncertain>; 2])| {
+            let significant = two[0].zip(two[1]).and_then(|(b, a)| is_significant(b, a));
+            let entry = json!({
+                "before": b.value, "before_u95": b.compared, "after": a.value, "after_u95": a.compared,
+                "significant": significant,
+            });
+            (a.key.clone(), entry)
+        };
+        let figures: Map<_, _> = self.test.figures.iter().zip(self.uncertain()).map(figure).collect();
         let [before, after] = self.sizes.map(|s| json!([s.low, s.high]));
         let mut out = Map::from_iter([
             ("test".to_owned(), json!(self.test.test)),
@@ -350,13 +342,9 @@ struct Motion {
 fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
     let [before, after] = [read_motions(files[0])?, read_motions(files[1])?];
     let names = |m: &[Motion]| m.iter().map(|m| m.name.clone()).collect::<Vec<_>>();
-    if names(&before) != names(&after) {
-        return Err(data!(
-            files[1],
-            "columns are {}, those before are {}",
-            names(&after).join(", "),
-            names(&before).join(", ")
-        ));
+    let [old, new] = [names(&before), names(&after)];
+    if old != new {
+        return Err(data!(files[1], "columns are {}, those before are {}", new.join(", "), old.join(", ")));
     }
     let placed = |motions: &[Motion]| -> Vec<Placed> {
         let of = |(k, m): (usize, &Motion)| {
@@ -365,16 +353,13 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
         };
         motions.iter().enumerate().flat_map(of).collect()
     };
-    let charts = before
-        .iter()
-        .zip(&after)
-        .map(|(b, a)| {
-            let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
-            let name = b.name.trim_end_matches("_um").to_uppercase();
-            let plot = Plot::new(name, "position, mm", "deviation, µm");
-            plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
-        })
-        .collect();
+    let chart = |(b, a): (&Motion, &Motion)| {
+        let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
+        let name = b.name.trim_end_matches("_um").to_uppercase();
+        let plot = Plot::new(name, "position, mm", "deviation, µm");
+        plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
+    };
+    let charts = before.iter().zip(&after).map(chart).collect();
     let compared = Compared {
         test: "straightness",
         standard: "Error motions of an axis about their end-point lines, ISO 230-1:2012",

@@ -136,19 +136,16 @@ impl HeadFile {
             for (test, figures) in tests {
                 if !TESTS.contains(&test.as_str()) {
                     let known = TESTS.map(|t| format!("[{section}.{t}]")).join(", ");
-                    return Err(mistake!(
-                        path,
-                        "unknown section [{section}.{test}]; expected one of {known}"
-                    ));
+                    let what = format_args!("unknown section [{section}.{test}]; expected one of {known}");
+                    return Err(Failure::mistake(path, what));
                 }
                 let wrong = |(key, v): &(&String, &f64)| {
                     !v.is_finite() || **v < 0.0 && (section == "uncertainty" || !is_lower(key))
                 };
                 if let Some((key, v)) = figures.iter().find(wrong) {
-                    return Err(mistake!(
-                        path,
-                        "[{section}.{test}] {key} = {v}: expected a finite number, 0 or above"
-                    ));
+                    let what =
+                        format_args!("[{section}.{test}] {key} = {v}: expected a finite number, 0 or above");
+                    return Err(Failure::mistake(path, what));
                 }
             }
         }

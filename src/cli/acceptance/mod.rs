@@ -173,11 +173,9 @@ impl Acceptance {
             Some(v) => Cell::text(v),
             None => Cell::text(NOT_STATED).faint(),
         };
-        let rows: Vec<Vec<Cell>> = rows
-            .chunks(2)
-            .map(|pair| pair.iter().flat_map(|(label, v)| [Cell::head(label), value(v)]).collect())
-            .collect();
-        page.head_table(&rows);
+        let pairs =
+            rows.chunks(2).map(|pair| pair.iter().flat_map(|(label, v)| [Cell::head(label), value(v)]));
+        page.head_table(&pairs.map(Iterator::collect).collect::<Vec<Vec<Cell>>>());
         if let Some((_, hash)) = &self.model {
             page.note(format_args!("Hash of the active model: blake3 {hash}."));
         }

@@ -129,12 +129,8 @@ fn read(path: &Path) -> Result<String, Problem> {
         let at = e.utf8_error().valid_up_to();
         let line = e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count() + 1;
         let message = format!("byte {at} (line {line}) is not UTF-8");
-        let remedy = "save the file as UTF-8";
-        Problem::Config(ConfigErrors::new(
-            &path.display().to_string(),
-            "",
-            vec![Diagnostic::of_file(message, remedy)],
-        ))
+        let diagnostics = vec![Diagnostic::of_file(message, "save the file as UTF-8")];
+        Problem::Config(ConfigErrors::new(&path.display().to_string(), "", diagnostics))
     })
 }
 
@@ -206,12 +202,8 @@ fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -
             let (message, remedy) = message
                 .split_once("\n  hint: ")
                 .unwrap_or((message, "the path is seen from the machine file"));
-            let errors = mistakes_at(
-                file,
-                text,
-                vec![(vec!["model".to_owned()], message.to_owned(), remedy.to_owned())],
-            );
-            Failure::new(code, errors).into()
+            let found = vec![(vec!["model".to_owned()], message.to_owned(), remedy.to_owned())];
+            Failure::new(code, mistakes_at(file, text, found)).into()
         }
         wrong @ Problem::Config(_) => wrong,
     })?;
@@ -262,14 +254,11 @@ fn look_at_identity(path: &Path, file: &str, text: &str, machine: &MachineConfig
 /// Mistakes at keys of a file: key, message, remedy.
 fn mistakes_at(file: &str, text: &str, found: Vec<(Vec<String>, String, String)>) -> ConfigErrors {
     let text = text.trim_start_matches('\u{feff}');
-    let diagnostics = found
-        .into_iter()
-        .map(|(key, message, remedy)| {
-            let path: Vec<&str> = key.iter().map(String::as_str).collect();
-            Diagnostic { span: config::place_of(text, &path), message, remedy: Some(remedy) }
-        })
-        .collect();
-    ConfigErrors::new(file, text, diagnostics)
+    let diagnostic = |(key, message, remedy): (Vec<String>, _, _)| {
+        let path: Vec<&str> = key.iter().map(String::as_str).collect();
+        Diagnostic { span: config::place_of(text, &path), message, remedy: Some(remedy) }
+    };
+    ConfigErrors::new(file, text, found.into_iter().map(diagnostic).collect())
 }
 
 impl Found {

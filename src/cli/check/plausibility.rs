@@ -57,13 +57,11 @@ fn slow_motion(axis: &AxisConfig, travel: Option<[f64; 2]>, cycle_s: f64) -> Opt
     let (name, unit) = (axis.name, position_unit(axis.name));
     let [speed, jump] =
         [axis.jump_limit / cycle_s * 60.0, axis.jump_limit].map(|v| short(name.kind().position_out(v)));
+    let (cycle_ms, travel, time) = (rounded(cycle_s * 1e3), range_words(name, travel), duration(crossing_s));
     Some(format!(
         "axis {name}: motion above {speed} {unit}/min is taken for a jump of position (VC-3003), {jump} {unit} per cycle of \
-         {} ms; the travel {} takes {} at that speed; raise jump-{unit} or feed-max-{unit}-per-min to the fastest motion of the \
-         axis",
-        rounded(cycle_s * 1e3),
-        range_words(name, travel),
-        duration(crossing_s)
+         {cycle_ms} ms; the travel {travel} takes {time} at that speed; raise jump-{unit} or feed-max-{unit}-per-min to the fastest \
+         motion of the axis"
     ))
 }
 

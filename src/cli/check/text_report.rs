@@ -14,11 +14,8 @@ use volcomp_model::extremes::Bounds;
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
     let (address, protection) = (machine.link.address, identity::protection(machine));
-    let cycle_ms = rounded(machine.link.cycle_s * 1e3);
-    lines.push(format!(
-        "  machine {}, control at {address}{protection}, cycle {cycle_ms} ms",
-        machine.machine
-    ));
+    let (name, cycle_ms) = (&machine.machine, rounded(machine.link.cycle_s * 1e3));
+    lines.push(format!("  machine {name}, control at {address}{protection}, cycle {cycle_ms} ms"));
     for axis in &machine.axes {
         let (name, unit, limits) = (axis.name, offset_unit(axis.name), &axis.limits);
         let [size, warning, rate, acceleration] =
@@ -129,13 +126,10 @@ pub(crate) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
 /// What is allowed but worth knowing about a machine file and its model.
 pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<String> {
     let model = &file.spec;
-    let mut out: Vec<String> = machine
-        .uncorrected_axes(model)
-        .into_iter()
-        .map(|axis| {
-            format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
-        })
-        .collect();
+    let idle = |axis: AxisName| {
+        format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
+    };
+    let mut out: Vec<String> = machine.uncorrected_axes(model).into_iter().map(idle).collect();
     out.extend(expiry_note(file, Some(machine.guard.expired)));
     let ladder_s = machine.engine.stale_s + machine.engine.hold_s + machine.engine.ramp_s;
     if machine.link.silence_s < ladder_s {
@@ -155,12 +149,8 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
     if machine.link.is_exposed() {
         out.push(identity::exposed(machine));
     }
-    let unlimited: Vec<AxisName> = machine
-        .axes
-        .iter()
-        .filter(|a| a.soft_limits.iter().all(|end| end.is_infinite()))
-        .map(|a| a.name)
-        .collect();
+    let unlimited = machine.axes.iter().filter(|a| a.soft_limits.iter().all(|end| end.is_infinite()));
+    let unlimited: Vec<AxisName> = unlimited.map(|a| a.name).collect();
     if !unlimited.is_empty() {
         let names = unlimited.iter().joined(", ");
         let keys = [(AxisKind::Linear, "soft-limit-mm"), (AxisKind::Rotary, "soft-limit-deg")];
@@ -175,28 +165,23 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         let terms = model.errors.iter().filter(|(s, _)| s.axis() == axis.name && !s.is_angle());
         let transient = terms.flat_map(|(_, f)| &f.dynamics).filter(|d| d.law.is_transient());
         let asked: f64 = transient.map(|d| d.limit).sum();
+        let (name, limit) = (axis.name, offset_out(axis.name, axis.limits.size));
         if axis.limits.size > 0.0 && asked > axis.limits.size {
+            let (asked, unit) = (offset_out(name, asked), offset_unit(name));
             out.push(format!(
-                "axis {}: terms that follow velocity and acceleration may ask for {} {unit}; the limit is {} {unit}: beyond it \
-                 they are cut and the correction is reported as limited",
-                axis.name,
-                offset_out(axis.name, asked),
-                offset_out(axis.name, axis.limits.size),
-                unit = offset_unit(axis.name),
+                "axis {name}: terms that follow velocity and acceleration may ask for {asked} {unit}; the limit is {limit} {unit}: \
+                 beyond it they are cut and the correction is reported as limited"
             ));
         }
         // the largest offset that positioning alone asks for must fit below the limit
-        let positioning = positioning_symbol(axis.name);
+        let positioning = positioning_symbol(name);
         if let Some(function) = model.error(positioning) {
-            let size = Size::of(positioning, function, model);
-            let largest = size.low.abs().max(size.high.abs());
-            let limit = offset_out(axis.name, axis.limits.size);
+            let Size { low, high, unit, .. } = Size::of(positioning, function, model);
+            let largest = low.abs().max(high.abs());
             if largest > limit {
+                let largest = plain(largest, 2);
                 cut_off.push(format!(
-                    "{positioning} alone reaches {} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
-                    plain(largest, 2),
-                    axis.name,
-                    unit = size.unit
+                    "{positioning} alone reaches {largest} {unit}, above the limit of {limit} {unit} of axis {name}: it will be cut off"
                 ));
             }
         }
@@ -223,11 +208,9 @@ pub(super) fn expiry_note(file: &ModelFile, policy: Option<Policy>) -> Option<St
 pub(crate) fn model_notes(file: &ModelFile) -> Vec<String> {
     let model = &file.spec;
     let mut out = Vec::new();
-    for thermal in file.thermal.iter().filter(|t| !model.sensors().contains(&t.name.as_str())) {
-        out.push(format!(
-            "thermal {name} feeds no error: add [errors.SYMBOL.live] with sensor = \"{name}\"",
-            name = thermal.name
-        ));
+    let names = file.thermal.iter().map(|t| t.name.as_str());
+    for name in names.filter(|name| !model.sensors().contains(name)) {
+        out.push(format!("thermal {name} feeds no error: add [errors.SYMBOL.live] with sensor = \"{name}\""));
     }
     for (symbol, function) in &model.errors {
         let spec = model.axis(symbol.axis());

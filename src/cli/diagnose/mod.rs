@@ -19,7 +19,7 @@ use super::exit;
 use super::files::read_hashed_model;
 use crate::prelude::*;
 use volcomp_diagnose::library::{Label, Without};
-use volcomp_diagnose::session::{Raw, Session};
+use volcomp_diagnose::session::{Logs, Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::{Addition, Base};
 use volcomp_effects::machine_state::Machine;
@@ -131,7 +131,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let (spec, model) = model.map(|(spec, model, _)| (spec, model)).unzip();
     let data = if args.data.is_empty() { &args.files } else { &args.data };
     let logs = logs::read(&args.history)?;
-    let (mut session, rotary, stated) = load(args, data, &logs, model.as_ref(), &additions, &machine)?;
+    let known = (model.as_ref(), &additions[..], &machine);
+    let (mut session, rotary, stated) = load(args, data, &logs, known)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();
@@ -142,7 +143,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         files => {
             let own = logs::read(&args.fresh_history)?;
             let logs = if args.fresh_history.is_empty() { &logs } else { &own };
-            let (fresh, ..) = load(args, files, logs, model.as_ref(), &additions, &machine)?;
+            let (fresh, ..) = load(args, files, logs, known)?;
             let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
             session.notes.extend(new);
             Some(fresh)
@@ -183,15 +184,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
 }
 
+/// What is known of the machine: the model, what was found earlier, and the kinematics.
+type Known<'a> = (Option<&'a Model>, &'a [Addition], &'a Machine);
+
 /// A session with its predictions, the rotary axis of a test without a model, and the number of notes that stderr states.
 fn load(
     args: &Args,
     files: &[PathBuf],
-    logs: &volcomp_diagnose::session::Logs,
-    model: Option<&Model>,
-    additions: &[Addition],
-    machine: &Machine,
+    logs: &Logs,
+    of: Known<'_>,
 ) -> Result<(Session, Option<Rotary>, usize)> {
+    let (model, additions, machine) = of;
     let mut raws: Vec<Raw> = Vec::with_capacity(files.len());
     let (mut detected, mut rotary) = (Vec::new(), None);
     for path in files {

@@ -95,11 +95,8 @@ pub(super) fn parameters(found: &Diagnosis, cause: &Cause) -> Vec<String> {
     physical
         .map(|(name, v)| {
             if let ("width_um", Some((place, width))) = (name.as_str(), in_the_middle) {
-                return format!(
-                    "width {} µm at {} {place:.0} mm",
-                    with_uncertainty(width),
-                    cause.subject.to_uppercase()
-                );
+                let (width, axis) = (with_uncertainty(width), cause.subject.to_uppercase());
+                return format!("width {width} µm at {axis} {place:.0} mm");
             }
             let (stem, unit) = match unit_of(name).unwrap_or((name, "")) {
                 (stem, "µm/m") if turns => (stem, "µrad/rad"),
@@ -171,12 +168,9 @@ impl Compensable {
     pub(super) fn of(found: &Diagnosis, spec: Option<&ModelSpec>) -> Self {
         let plain =
             || Chain::parse("[w b X Y Z t]").ok().map(|chain| ModelSpec::new(&found.addition.machine, chain));
-        let fates = spec
-            .cloned()
-            .or_else(plain)
-            .and_then(|spec| extend(&spec, &[], &found.addition).ok())
-            .map(|extended| extended.fates.into_iter().collect())
-            .unwrap_or_default();
+        let of = spec.cloned().or_else(plain);
+        let extended = of.and_then(|spec| extend(&spec, &[], &found.addition).ok());
+        let fates = extended.map(|e| e.fates.into_iter().collect()).unwrap_or_default();
         Self { fates, is_assumed: spec.is_none() }
     }
 
@@ -219,21 +213,15 @@ fn listed(names: &[String]) -> String {
 pub(super) fn headline(found: &Diagnosis) -> String {
     let r = &found.report;
     let repeating = |c: &&Cause| c.declared && c.kind != Kind::Stochastic;
-    let names: Vec<String> = found
-        .budget
-        .sorted(r.causes.iter().filter(repeating))
-        .into_iter()
-        .map(|c| name(&c.effect, &c.subject))
-        .collect();
+    let causes = found.budget.sorted(r.causes.iter().filter(repeating));
+    let names: Vec<String> = causes.into_iter().map(|c| name(&c.effect, &c.subject)).collect();
     let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
     let s = &r.shrink;
     let (verb, them) = if names.len() == 1 { ("explains", "it") } else { ("explain", "them") };
+    let [less, low, high] = [s.fraction, s.ci90[0], s.ci90[1]].map(|share| number(100.0 * share, 0));
     let after = format!(
-        "correcting {them} is expected to leave {} µm RMS ({} % less, 90 % interval {} to {} %)",
-        um(s.rms_after_um),
-        number(100.0 * s.fraction, 0),
-        number(100.0 * s.ci90[0], 0),
-        number(100.0 * s.ci90[1], 0)
+        "correcting {them} is expected to leave {} µm RMS ({less} % less, 90 % interval {low} to {high} %)",
+        um(s.rms_after_um)
     );
     match r.verdict {
         Verdict::NoGap => {

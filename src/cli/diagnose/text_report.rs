@@ -36,10 +36,8 @@ pub(super) fn list_effects(name: &str) -> Result<()> {
             say!("{:38} {:10} {}", with_subject(e), kind(e.kind), e.cause);
         }
         say!();
-        say!(
-            "volcomp diagnose --list-effects NAME explains one; synonyms count, such as {}.",
-            "ram-sag or pige"
-        );
+        let such = "ram-sag or pige";
+        say!("volcomp diagnose --list-effects NAME explains one; synonyms count, such as {such}.");
         return Ok(());
     }
     let stem = name.split(':').next().unwrap_or(name).to_ascii_lowercase();
@@ -78,32 +76,21 @@ pub(super) fn summary(
     say!("{} of {} used", r.rows_used, counted(r.rows, "reading"));
     table(found, compensable);
     if let Some(f) = &r.fresh {
-        say!(
-            "observed on fresh data: {} -> {} µm RMS, {} less",
-            um(f.rms_before_um),
-            um(f.rms_after_um),
-            percent(f.fraction)
-        );
+        let ([before, after], less) = ([f.rms_before_um, f.rms_after_um].map(um), percent(f.fraction));
+        say!("observed on fresh data: {before} -> {after} µm RMS, {less} less");
     }
     let drifts = r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um);
     for all in drifts.collect::<Vec<_>>().chunk_by(|a, b| (a.drift_um, a.drift_s) == (b.drift_um, b.drift_s))
     {
         let names = all.iter().map(|n| n.instrument.as_str()).joined(", ");
         let whites = all.iter().map(|n| um(n.white_um)).joined(", ");
-        say!(
-            "drift of {names}: {} µm over {}, noise {whites} µm; slow effects may be hidden by it",
-            um(all[0].drift_um),
-            session.span(all[0].drift_s)
-        );
+        let (drift, span) = (um(all[0].drift_um), session.span(all[0].drift_s));
+        say!("drift of {names}: {drift} µm over {span}, noise {whites} µm; slow effects may be hidden by it");
     }
     for p in r.places.iter().take(4) {
         let of = if p.of.is_empty() { String::new() } else { format!(" {}", p.of) };
-        say!(
-            "where (shares overlap): {}{of}, {} of the structured gap ({})",
-            p.by,
-            percent(p.share),
-            p.detail
-        );
+        let (by, share, detail) = (&p.by, percent(p.share), &p.detail);
+        say!("where (shares overlap): {by}{of}, {share} of the structured gap ({detail})");
     }
     if r.unexplained.significant {
         // where few readings were compared, what is said of the drift is a part of it
@@ -141,12 +128,8 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
             let correction = found.budget.correction(&label);
             let size = correction.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
             let share = correction.map_or_else(|| "-".to_owned(), |x| percent(x.share));
-            say!(
-                "  {:NAME$} {size:>15} {share:>6}  {:>5.2}  {}",
-                format!("{} ({label})", name(&c.effect, &c.subject)),
-                c.probability,
-                remedy(c, found)
-            );
+            let (name, p) = (format!("{} ({label})", name(&c.effect, &c.subject)), c.probability);
+            say!("  {name:NAME$} {size:>15} {share:>6}  {p:>5.2}  {}", remedy(c, found));
             let mut values = parameters(found, c);
             if values.is_empty() {
                 values.extend(peak_to_valley(found, &label));
@@ -170,12 +153,8 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
         say!();
     }
     for c in others() {
-        say!(
-            "not established: {} ({}), probability {:.2}",
-            name(&c.effect, &c.subject),
-            c.label(),
-            c.probability
-        );
+        let (name, label, p) = (name(&c.effect, &c.subject), c.label(), c.probability);
+        say!("not established: {name} ({label}), probability {p:.2}");
         doubts(c);
     }
 }
@@ -194,10 +173,8 @@ fn unidentifiable(found: &Diagnosis) {
     let mut reasons: Vec<_> = reasons.into_iter().collect();
     let count = |names: &BTreeMap<&str, Vec<&str>>| names.values().map(Vec::len).sum::<usize>();
     reasons.sort_by_key(|(_, names)| core::cmp::Reverse(count(names)));
-    say!(
-        "not identifiable from these data: {} (all in report.json, cannot_be_seen)",
-        counted(unseen.len(), "effect")
-    );
+    let effects = counted(unseen.len(), "effect");
+    say!("not identifiable from these data: {effects} (all in report.json, cannot_be_seen)");
     for (because, names) in reasons.iter().take(REASONS) {
         let named =
             |(name, of): (&&str, &Vec<&str>)| format!("{name} {}", of.join(" ")).trim_end().to_owned();

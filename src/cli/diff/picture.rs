@@ -46,20 +46,14 @@ fn panel(area: &Area<'_>, diff: &Diff, models: &[Model; 2], error: &ErrorDiffere
         let values = relative_values(&diff.files[which].spec, &models[which], symbol, &at, travel);
         at.iter().zip(values).map(|(q, v)| (position_out(axis, *q), error_out(symbol, v))).collect()
     };
-    let lines: Vec<Line> = [0, 1]
-        .into_iter()
-        .flat_map(|which| [Travel::Forward, Travel::Reverse].map(|t| (which, t, line(which, t))))
-        .collect();
+    let both = |which| [Travel::Forward, Travel::Reverse].map(|t| (which, t, line(which, t)));
+    let lines: Vec<Line> = [0, 1].into_iter().flat_map(both).collect();
     let [from, to] = [low, high].map(|q| position_out(axis, q));
-    let axes = Axes {
-        title: &symbol.to_string(),
-        x_label: &format!("{axis} / {}", position_unit(axis)),
-        y_label: if symbol.is_angle() { "arcsec" } else { "µm" },
-        x: [from, if to > from { to } else { from + 1.0 }],
-        y: with_room(lines.iter().flat_map(|l| l.2.iter().map(|p| p.1)).chain([0.0]), 0.08),
-        right: 18,
-        x_ticks: 6,
-    };
+    let (title, x_label) = (symbol.to_string(), format!("{axis} / {}", position_unit(axis)));
+    let y_label = if symbol.is_angle() { "arcsec" } else { "µm" };
+    let x = [from, if to > from { to } else { from + 1.0 }];
+    let y = with_room(lines.iter().flat_map(|l| l.2.iter().map(|p| p.1)).chain([0.0]), 0.08);
+    let axes = Axes { title: &title, x_label: &x_label, y_label, x, y, right: 18, x_ticks: 6 };
     let mut chart = axes.draw(area)?;
     for (which, travel, points) in &lines {
         let forward = lines.iter().find(|l| l.0 == *which && l.1 == Travel::Forward);

@@ -141,21 +141,16 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
     let beyond = bound(v.bound_rotation, arcsec_from_rad, "arcsec");
     out.push(format!("direction  largest {largest:.2} arcsec {at}, rms {rms:.2} arcsec{beyond}"));
     let ([shift, turn], rest) = (v.rigid, v.without_rigid.without_rigid.map(um_from_mm));
+    let (largest, at, rms) = (rest.norm(), located(&v.without_rigid, &rest), um_from_mm(v.rms_without_rigid));
+    let (shift, turn) = (vector(&shift.map(um_from_mm)), vector(&turn.map(arcsec_from_rad)));
     out.push(format!(
-        "without the best rigid motion of the workpiece: largest {:.2} um {}, rms {:.2} um; the motion: shift {} um, turn {} arcsec",
-        rest.norm(),
-        located(&v.without_rigid, &rest),
-        um_from_mm(v.rms_without_rigid),
-        vector(&shift.map(um_from_mm)),
-        vector(&turn.map(arcsec_from_rad)),
+        "without the best rigid motion of the workpiece: largest {largest:.2} um {at}, rms {rms:.2} um; the motion: shift {shift} um, turn {turn} arcsec"
     ));
     for (k, (axis, found)) in axes().zip(&v.offsets).enumerate() {
         let Some(found) = found.filter(|f| f.offset[k] != 0.0) else { continue };
         let (offset, unit) = (offset_out(axis, found.offset[k]), offset_unit(axis));
-        out.push(format!(
-            "correction of {axis}  largest {offset:+.2} {unit} at {}",
-            pose_words(chain, &found.pose)
-        ));
+        let at = pose_words(chain, &found.pose);
+        out.push(format!("correction of {axis}  largest {offset:+.2} {unit} at {at}"));
     }
     out
 }

@@ -138,11 +138,10 @@ fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result
         Some(wanted) if !feeds.is_empty() => {
             Err(usage!("{}: no readings at {wanted} mm/min; the feeds are {}", path.display(), list()))
         }
-        None if feeds.len() > 1 => Err(data!(
-            path,
-            "readings at {} mm/min; the standard evaluates one feed: give --feed-mm-per-min",
-            list()
-        )),
+        None if feeds.len() > 1 => {
+            let what = "the standard evaluates one feed: give --feed-mm-per-min";
+            Err(data!(path, "readings at {} mm/min; {what}", list()))
+        }
         _ => Ok(samples),
     }
 }

@@ -5,7 +5,7 @@ use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, table as each_direction};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    CompareOptions, Compared, Figures, Output, before_and_after, changed, headed, show, side_by_side,
+    CompareOptions, Compared, Figures, Get, Output, before_and_after, changed, headed, show, side_by_side,
 };
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
@@ -88,21 +88,17 @@ fn keys() -> Vec<String> {
 
 /// The figures of the worst diagonals with tolerances and the uncertainty of the measurement along them.
 fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Conditions) -> Vec<Assessed> {
-    WORST
-        .iter()
-        .map(|(key, name, get)| {
-            let worst = test.worst(get);
-            let of_worst = worst.and_then(|(diagonal, _)| {
-                let (_, p) = test.diagonals.iter().find(|(d, _)| *d == diagonal)?;
-                Some(Uncertainties::of(p, conditions, p.length()))
-            });
-            let bare = key.trim_end_matches("_um");
-            let of_figure = of_worst.and_then(|u| u.figure(bare));
-            let expanded = of_figure.and_then(|of| of.measurement);
-            let figure = acceptance.assess(key, name, worst.map(|(_, v)| v), expanded);
-            Assessed { compared: of_figure.map(|of| of.expanded.total()), ..figure }
-        })
-        .collect()
+    let figure = |(key, name, get): &(&str, &'static str, Get<Positioning>)| {
+        let worst = test.worst(get);
+        let of_worst = worst.and_then(|(diagonal, _)| {
+            let (_, p) = test.diagonals.iter().find(|(d, _)| *d == diagonal)?;
+            Uncertainties::of(p, conditions, p.length()).figure(key.trim_end_matches("_um"))
+        });
+        let expanded = of_worst.and_then(|of| of.measurement);
+        let figure = acceptance.assess(key, name, worst.map(|(_, v)| v), expanded);
+        Assessed { compared: of_worst.map(|of| of.expanded.total()), ..figure }
+    };
+    WORST.iter().map(figure).collect()
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {

@@ -38,13 +38,11 @@ pub(crate) fn start(
         page.lead(summary);
     }
     judged.acceptance.head(&mut page);
-    let mut rows: Vec<Vec<Cell>> = origins
-        .iter()
-        .map(|o| {
-            let hash = o.hash.as_ref().map_or(String::new(), |h| format!(", blake3 {h}"));
-            vec![Cell::head(&o.what), Cell::small(format!("{}{hash}", o.name))]
-        })
-        .collect();
+    let row = |o: &Origin| {
+        let hash = o.hash.as_ref().map_or(String::new(), |h| format!(", blake3 {h}"));
+        vec![Cell::head(&o.what), Cell::small(format!("{}{hash}", o.name))]
+    };
+    let mut rows: Vec<Vec<Cell>> = origins.iter().map(row).collect();
     rows.extend(facts.iter().map(|(what, text)| vec![Cell::head(what), Cell::text(text)]));
     page.table(&[], &rows);
     page

@@ -85,10 +85,8 @@ fn read_csv(args: &Args, text: String, keep: impl Fn(Option<f64>) -> bool) -> Re
     table.only(&["nominal_x_mm", "nominal_y_mm", names[0], names[1], "nominal_diameter_mm", "name"])?;
     let diameter = table.find("nominal_diameter_mm");
     if args.nominal_diameter_mm.is_some() && diameter.is_none() {
-        return Err(data!(
-            args.output.data(&args.data),
-            "holes are to be selected by diameter, but column nominal_diameter_mm is missing"
-        ));
+        let what = "holes are to be selected by diameter, but column nominal_diameter_mm is missing";
+        return Err(data!(args.output.data(&args.data), "{what}"));
     }
     let points = table.some_rows(|table| {
         let at = |column: usize| table.number(column);
@@ -142,12 +140,11 @@ fn refuse_implausible(args: &Args, fit: &PlateFit) -> Result<()> {
         ));
     }
     if let Some(value) = fit.squareness.map(|e| e.value).filter(|v| v.abs() > IMPLAUSIBLE) {
+        let [off, limit] = [value, IMPLAUSIBLE].map(deg_from_rad);
         return Err(data!(
             path,
-            "the angle from X to Y would be {:.3} deg off a right angle (limit {:.3} deg): are the nominal or the measured columns of X \
-             and Y exchanged, or is one of them mirrored?",
-            deg_from_rad(value),
-            deg_from_rad(IMPLAUSIBLE)
+            "the angle from X to Y would be {off:.3} deg off a right angle (limit {limit:.3} deg): are the nominal or the measured \
+             columns of X and Y exchanged, or is one of them mirrored?"
         ));
     }
     Ok(())

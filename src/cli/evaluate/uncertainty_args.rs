@@ -42,11 +42,8 @@ pub(super) struct UncertaintyArgs {
 impl UncertaintyArgs {
     /// The conditions for an axis of this kind.
     pub(super) fn conditions(&self, kind: AxisKind) -> Result<Conditions> {
-        let of_length = self
-            .u_device_um_per_m
-            .or(self.misalignment_mm)
-            .or(self.u_temperature_degc)
-            .or(self.u_expansion_um_per_m_degc);
+        let of_length = self.u_device_um_per_m.or(self.misalignment_mm);
+        let of_length = of_length.or(self.u_temperature_degc).or(self.u_expansion_um_per_m_degc);
         let (device, drift, foreign, wanted) = match kind {
             AxisKind::Linear => {
                 (self.u_device_um, self.drift_um, self.u_device_arcsec.or(self.drift_arcsec), "um")

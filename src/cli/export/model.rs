@@ -148,13 +148,10 @@ fn write_isg(args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportErr
 }
 
 fn describe(table: &AxisTable) {
-    let range = range_words(table.axis, [table.positions[0], table.positions[table.positions.len() - 1]]);
-    note!(
-        "axis {}: {} points from {range}, at most {:.3} um from the model between them",
-        table.axis,
-        table.positions.len(),
-        um_from_mm(table.largest_error)
-    );
+    let AxisTable { axis, positions, largest_error, .. } = table;
+    let (points, largest) = (positions.len(), um_from_mm(*largest_error));
+    let range = range_words(*axis, [positions[0], positions[points - 1]]);
+    note!("axis {axis}: {points} points from {range}, at most {largest:.3} um from the model between them");
 }
 
 /// Says what of the model is not in the file.

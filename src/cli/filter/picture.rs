@@ -72,22 +72,18 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Drawn {
         Key::dot(VERMILLION, "what is used"),
     ];
     let area = &with_legend(area, &keys)?;
-    let title = format!(
-        "{}.{} ({}), difference from the offline map; used with weight {:.2}",
-        map.name, map.components[c], map.units[c], map.weight
-    );
-    let mut chart = axes(area, &title, "X in mm", low..high.max(low + 1.0), -largest..largest)?;
+    let (map_name, name, unit, weight) = (&map.name, &map.components[c], &map.units[c], map.weight);
+    let title =
+        format!("{map_name}.{name} ({unit}), difference from the offline map; used with weight {weight:.2}");
+    let ranges = [low..high.max(low + 1.0), -largest..largest];
+    let mut chart = axes(area, [&title, "X in mm"], ranges)?;
     for line in lines(map) {
         let of = |values: fn(&NodeStatus) -> &Vec<f64>| {
             line.iter().map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c])).collect::<Vec<_>>()
         };
         let (value, std, used) = (of(|n| &n.value), of(|n| &n.std), of(|n| &n.used));
-        chart.draw_series(
-            value
-                .iter()
-                .zip(&std)
-                .map(|((x, v), (_, s))| PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE.mix(0.4))),
-        )?;
+        let bars = value.iter().zip(&std).map(|((x, v), (_, s))| vec![(*x, v - s), (*x, v + s)]);
+        chart.draw_series(bars.map(|bar| PathElement::new(bar, BLUE.mix(0.4))))?;
         chart.draw_series(LineSeries::new(value, &BLUE))?;
         chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, VERMILLION.filled())))?;
     }
@@ -95,13 +91,8 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Drawn {
 }
 
 /// Axes with a title above.
-fn axes<'a, 'b>(
-    area: &'a Area<'b>,
-    title: &str,
-    x_label: &str,
-    x: Range<f64>,
-    y: Range<f64>,
-) -> Drawn<Chart<'a, 'b>> {
+fn axes<'a, 'b>(area: &'a Area<'b>, words: [&str; 2], [x, y]: [Range<f64>; 2]) -> Drawn<Chart<'a, 'b>> {
+    let [title, x_label] = words;
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 15, &INK))
         .margin(8)
@@ -132,12 +123,9 @@ fn consistency(area: &Area<'_>, course: &Course) -> Drawn {
 /// RMS innovation of the readings and what is expected of it.
 fn innovations(area: &Area<'_>, course: &Course) -> Drawn {
     let title = "RMS innovation of a reading, in learned standard deviations of the sensor";
-    over_time(
-        area,
-        course,
-        title,
-        &[("", &|_, now| now.innovation), (" expected", &|_, now| now.innovation_expected)],
-    )
+    let curves: [(&str, Of<'_>); 2] =
+        [("", &|_, now| now.innovation), (" expected", &|_, now| now.innovation_expected)];
+    over_time(area, course, title, &curves)
 }
 
 /// Share of the readings since the entry before that were used.
@@ -177,7 +165,7 @@ fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<
     }
     let area = &with_legend(area, &keys)?;
     let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
-    let mut chart = axes(area, title, "time in s", 0.0..end, 0.0..TOP)?;
+    let mut chart = axes(area, [title, "time in s"], [0.0..end, 0.0..TOP])?;
     for (line, colour) in drawn {
         chart.draw_series(LineSeries::new(line, &colour))?;
     }

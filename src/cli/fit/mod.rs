@@ -191,15 +191,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
     stdout_once(&args.model, args.json.as_deref())?;
     let base = args.model.check()?;
     let mut by_symbol = BySymbol::new();
-    if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
-        return Err(usage!(
-            "{} files but {} axes; give --axis once, or once per --errors",
-            args.errors.len(),
-            args.axis.len()
-        ));
+    let [files, axes] = [args.errors.len(), args.axis.len()];
+    if axes != 1 && axes != files {
+        return Err(usage!("{files} files but {axes} axes; give --axis once, or once per --errors"));
     }
     for (i, path) in args.errors.iter().enumerate() {
-        let axis = args.axis[if args.axis.len() == 1 { 0 } else { i }];
+        let axis = args.axis[if axes == 1 { 0 } else { i }];
         read(path, axis, args.format, args.cycles.as_ref(), args.direction, &mut by_symbol)?;
     }
     positions::check(&by_symbol, |axis| args.travel_of(axis, base.as_ref()))?;
@@ -246,12 +243,8 @@ fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<()> {
 impl Args {
     /// The travel of an axis in the coordinate of the data, where it is stated.
     fn travel_of(&self, axis: AxisName, base: Option<&ModelFile>) -> Option<[f64; 2]> {
-        let given = self
-            .travel
-            .iter()
-            .rev()
-            .find(|(name, _)| *name == axis)
-            .map(|(_, range)| range.map(|v| axis.kind().position_in(v)));
+        let given = self.travel.iter().rev().find(|(name, _)| *name == axis);
+        let given = given.map(|(_, range)| range.map(|v| axis.kind().position_in(v)));
         let spec = base.map(|file| &file.spec);
         let [low, high] = given.or_else(|| spec?.axis(axis).travel)?;
         let is_mirrored = spec.is_some_and(|s| s.is_mirrored(axis));
@@ -284,17 +277,10 @@ impl Args {
             return Err(usage!("the unit of the period does not suit the axis; use {wanted}"));
         }
         let fitted = self.period_search.map_or(Period::Auto, |r| Period::Within(r.map(to_inner)));
-        let all: Vec<Period> = given
-            .iter()
-            .map(|p| match p {
-                AutoOr::Given(p) => Period::Given(to_inner(*p)),
-                AutoOr::Auto => fitted,
-            })
-            .collect();
-        if self.period_search.is_some()
-            && !all.is_empty()
-            && all.iter().all(|p| matches!(p, Period::Given(_)))
-        {
+        let period = |p: &AutoOr<f64>| p.number().map_or(fitted, |p| Period::Given(to_inner(p)));
+        let all: Vec<Period> = given.iter().map(period).collect();
+        let is_given = |p: &Period| matches!(p, Period::Given(_));
+        if self.period_search.is_some() && !all.is_empty() && all.iter().all(is_given) {
             return Err(usage!("--period-search is for a period that is fitted; {wanted} gives it"));
         }
         if (!given.is_empty() || self.period_search.is_some())

@@ -90,14 +90,10 @@ fn outside(measured: &Measured, axis: AxisName, unit: &Unit, [low, high]: [f64; 
     let is_outside = |p: f64| p < low - allowed || p > high + allowed;
     let first = measured.readings.iter().position(|r| is_outside(r.position))?;
     let count = measured.readings.iter().filter(|r| is_outside(r.position)).count();
-    let name = unit.name;
+    let (name, place, all) = (unit.name, place(measured, first), measured.readings.len());
+    let [position, low, high] = [measured.readings[first].position, low, high].map(|v| unit.show(v));
     Some(format!(
-        "{}: position {} {name} is outside the travel of axis {axis}, {} to {} {name} ({count} of {} readings are)",
-        place(measured, first),
-        unit.show(measured.readings[first].position),
-        unit.show(low),
-        unit.show(high),
-        measured.readings.len()
+        "{place}: position {position} {name} is outside the travel of axis {axis}, {low} to {high} {name} ({count} of {all} readings are)"
     ))
 }
 

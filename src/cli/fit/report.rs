@@ -41,11 +41,9 @@ fn one_report(f: &Fitted) -> Value {
     let (units, fit, figures) = (Units::of(f.symbol), &f.fit, &f.fit.figures);
     let Units { value: unit, position, of_value, of_position, .. } = units;
     let scale = of_value(1.0);
-    let mut json = json!({
+    let mut json = fields!(fit; order, period_fitted, condition;
         "basis": fit.basis.name(),
-        "order": fit.order,
         format!("period_{position}"): fit.period.map(of_position),
-        "period_fitted": fit.period_fitted,
         "coefficients": units.values(&fit.coefficients),
         format!("sse_{unit}2"): figures.sse * scale.powi(2),
         format!("rmse_n_{unit}"): of_value(figures.rmse_n),
@@ -61,11 +59,10 @@ fn one_report(f: &Fitted) -> Value {
         format!("repeatability_{unit}"): figures.repeatability.map(of_value),
         format!("std_{unit}"): fit.standard_uncertainty().map(of_value),
         format!("lack_of_fit_{unit}"): of_value(fit.lack_of_fit),
-        "condition": fit.condition,
         format!("range_{position}"): fit.curve.range().map(|r| r.map(of_position)),
         "outliers": outliers(f, &units),
         "notes": fit.notes.iter().map(|n| note_text(f.symbol, *n)).chain(start_up::remedy(f)).collect::<Vec<_>>(),
-    });
+    );
     let kept = start_up::as_json(f);
     if !kept.is_empty() {
         json["start_up_outliers"] = json!(kept);
@@ -299,10 +296,8 @@ pub(crate) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> V
         };
         let text = |v: f64| Units::of(symbol).text(v, 4);
         let rmse = text(rmse_dof.unwrap_or(*rmse_n));
-        let u = f
-            .fit
-            .standard_uncertainty()
-            .map_or_else(String::new, |u| format!(", u of the curve {} (k = 1)", text(u)));
+        let u = f.fit.standard_uncertainty();
+        let u = u.map_or_else(String::new, |u| format!(", u of the curve {} (k = 1)", text(u)));
         lines.push(format!("{symbol}: {basis}{order}{reversal}, n {n}, m {m}, rmse {rmse}{u}{out}"));
     }
     lines

@@ -215,18 +215,15 @@ fn report(name: &str, found: &ThermalFit) -> Value {
             "outside_share": f.outside_share,
         })
     });
-    json!({
+    fields!(found; rows, training_rows, lambda;
         "name": name,
-        "rows": found.rows,
-        "training_rows": found.training_rows,
         "terms": found.thermal.terms(),
-        "lambda": found.lambda,
         "raw_rms_um": um_from_mm(found.raw_rms),
         "fit_rms_um": um_from_mm(found.fit_rms),
         "rolling_forecast_rms_um": um_from_mm(found.rolling_rms),
         "forecast": forecast,
         "left_out": found.constant,
-    })
+    )
 }
 
 /// More points than this are drawn thinned out.

@@ -13,6 +13,9 @@ pub(crate) struct Column {
     to_inner: fn(f64) -> f64,
 }
 
+/// A name with its place, such as that of a point, mm.
+pub(crate) type Named = (String, Vec3);
+
 /// Columns of a run along one axis.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RunColumns {

@@ -242,21 +242,15 @@ impl Outcome<'_> {
                 before.join(" ")
             )
         };
+        let Consistency { factor, enlarged, p_value, .. } = test;
+        let (axis, p, line) = (found.axis, small(p_value), self.lines[step][found.worst.row]);
+        let direction = DEVIATIONS[found.worst.direction];
         note!(
-            "warning: {path}: step of axis {}: residuals of {rms:.2} um rms, {:.1} times the {expected:.2} um expected (p {}), the \
-             largest in line {}: {} {worst:+.2} um; {cause}",
-            found.axis,
-            test.factor,
-            small(test.p_value),
-            self.lines[step][found.worst.row],
-            DEVIATIONS[found.worst.direction],
+            "warning: {path}: step of axis {axis}: residuals of {rms:.2} um rms, {factor:.1} times the {expected:.2} um expected \
+             (p {p}), the largest in line {line}: {direction} {worst:+.2} um; {cause}"
         );
-        note!(
-            "note: the uncertainties of axis {}{} are enlarged by {:.1}",
-            found.axis,
-            if before.is_empty() { "" } else { " and of the axes before that move in this step" },
-            test.enlarged
-        );
+        let others = if before.is_empty() { "" } else { " and of the axes before that move in this step" };
+        note!("note: the uncertainties of axis {axis}{others} are enlarged by {enlarged:.1}");
     }
 }
 
@@ -267,22 +261,15 @@ impl Found for Outcome<'_> {
 
     /// Lengths in um, angles in arcsec.
     fn json(&self) -> Value {
-        let steps: Vec<Value> = self
-            .chain
-            .steps()
-            .iter()
-            .zip(&self.lines)
-            .map(|(found, lines)| step_json(found, lines))
-            .collect();
+        let steps = self.chain.steps().iter().zip(&self.lines);
+        let steps: Value = steps.map(|(found, lines)| step_json(found, lines)).collect();
         json!({"chain": self.chain.spec().chain.to_string(), "steps": steps})
     }
 
     fn print(&self) {
         let chain = &self.chain;
-        say_text!(
-            "{}, measured in the order of the rows. Uncertainty of the tool tip (k = 1) in um:",
-            chain.spec().chain
-        );
+        let axes = &chain.spec().chain;
+        say_text!("{axes}, measured in the order of the rows. Uncertainty of the tool tip (k = 1) in um:");
         say!(
             "step  positions readings    noise      own  inherited    total  chain so far      rms   expected"
         );
@@ -367,26 +354,19 @@ fn step_json(found: &Step, lines: &[u64]) -> Value {
         locations[key(*symbol)] = json!({"value": of_value(*value), "std": std, "unit": unit});
     }
     let unit = found.axis.kind().position_unit();
-    json!({
+    fields!(found; reference, readings, dof, p_value, condition;
         "axis": found.axis.lower().to_string(),
         "consistent": found.consistency.is_none_or(|c| c.p_value >= SIGNIFICANT),
         format!("position_{unit}"): found.positions.iter().map(|q| position(found, *q)).collect::<Vec<_>>(),
-        "reference": found.reference,
         "motions": motions,
         "locations": locations,
         "set_up": if found.set_up == SetUp::Rigid { "rigid" } else { "shift-only" },
-        "readings": found.readings,
-        "dof": found.dof,
         "noise_um": found.sigma.map(um_from_mm),
         "rms_um": um_from_mm(found.rms),
         "expected_rms_um": found.expected_rms.map(um_from_mm),
-        "p_value": found.p_value,
-        "consistency": found.consistency.map(|c| json!({
-            "p_value": c.p_value,
-            "factor": c.factor,
-            "enlarged": c.enlarged,
-            "passed": c.p_value >= SIGNIFICANT,
-        })),
+        "consistency": found.consistency.map(|c| {
+            fields!(c; p_value, factor, enlarged; "passed": c.p_value >= SIGNIFICANT)
+        }),
         "worst": json!({
             "line": lines[found.worst.row],
             "direction": DEVIATIONS[found.worst.direction],
@@ -396,8 +376,7 @@ fn step_json(found: &Step, lines: &[u64]) -> Value {
         "inherited_um": um(found.tip.inherited),
         "total_um": um(found.tip.total()),
         "chain_um": um(found.chain),
-        "condition": found.condition,
-    })
+    )
 }
 
 fn print_step(found: &Step) {

@@ -211,12 +211,11 @@ struct Outcome<'a> {
 
 impl<'a> Outcome<'a> {
     fn of(args: &'a Args, path: &'a Path) -> Result<Self> {
-        let axes: [AxisName; 3] = args
-            .axes
-            .as_slice()
-            .try_into()
-            .map_err(|_| usage!("--axes names {} axes; a grid has three", args.axes.len()))?;
-        if axes[0] == axes[1] || axes[0] == axes[2] || axes[1] == axes[2] {
+        let &[a, b, c] = &args.axes[..] else {
+            return Err(usage!("--axes names {} axes; a grid has three", args.axes.len()));
+        };
+        let axes = [a, b, c];
+        if a == b || a == c || b == c {
             return Err(usage!("--axes names an axis twice"));
         }
         let grid = NodeGrid::new(args.first.clone(), args.second.clone(), args.third.clone())
@@ -258,15 +257,14 @@ impl<'a> Outcome<'a> {
 impl Found for Outcome<'_> {
     fn json(&self) -> Value {
         let Units { value: u, of_value: out, .. } = Units::of(self.symbol);
-        let mut json = fields!(self.run; mean_ratio, readings, rejected, outside, alarm);
-        json["error"] = json!(key(self.symbol));
-        json["nodes_mm"] = (0..self.grid.nodes()).map(|i| json!(self.grid.node(i))).collect();
-        json[format!("change_{u}")] = self.filter.map().map(out).collect();
-        json[format!("std_{u}")] = self.filter.variances().map(|v| out(v.sqrt())).collect();
-        json[format!("noise_{u}")] = json!(out(self.noise.variance().sqrt()));
-        json[format!("rms_before_{u}")] = json!(out(self.run.before));
-        json[format!("rms_after_{u}")] = json!(out(self.run.after));
-        json
+        fields!(self.run; mean_ratio, readings, rejected, outside, alarm;
+            "error": key(self.symbol),
+            "nodes_mm": (0..self.grid.nodes()).map(|i| self.grid.node(i)).collect::<Vec<_>>(),
+            format!("change_{u}"): self.filter.map().map(out).collect::<Value>(),
+            format!("std_{u}"): self.filter.variances().map(|v| out(v.sqrt())).collect::<Value>(),
+            format!("noise_{u}"): out(self.noise.variance().sqrt()),
+            format!("rms_before_{u}"): out(self.run.before), format!("rms_after_{u}"): out(self.run.after),
+        )
     }
 
     fn print(&self) {

@@ -27,7 +27,7 @@ pub(crate) use columns::{Column, Columns};
 /// The vocabulary of the methods, with that of the command line.
 mod prelude {
     pub(super) use super::case::{CaseArgs, CaseFile, refused, rows};
-    pub(super) use super::columns::{self, Column, Columns, RunColumns, Stops};
+    pub(super) use super::columns::{self, Column, Columns, Named, RunColumns, Stops};
     pub(super) use super::curve_fits::CurveFits;
     pub(super) use super::method::{Found, Front, Method, printed};
     pub(super) use super::motion_curves::{CurveArgs, Motions, Report};

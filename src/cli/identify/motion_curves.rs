@@ -65,11 +65,12 @@ pub(super) trait Report {
 
 /// The motions of an axis in the gauge of a model, with what a method says about them.
 pub(super) struct Motions<'a> {
-    args: &'a CurveArgs,
+    pub(super) args: &'a CurveArgs,
     pub(super) gauged: Gauged,
     pub(super) origin: Origin,
-    base: ModelFile,
-    report: Box<dyn Report + 'a>,
+    /// The model before.
+    pub(super) base: ModelFile,
+    pub(super) report: Box<dyn Report + 'a>,
 }
 
 impl CurveArgs {
@@ -81,17 +82,6 @@ impl CurveArgs {
     /// Brings the motions (relative sense) into the gauge of a model.
     pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin) -> Result<Gauged> {
         gauge(rows, origin.axis, self.zero_at_mm, self.straightness).map_err(|e| data_error(&origin.files, e))
-    }
-
-    /// The motions with their report.
-    pub(super) fn motions<'a>(
-        &'a self,
-        gauged: Gauged,
-        origin: Origin,
-        base: ModelFile,
-        report: impl Report + 'a,
-    ) -> Option<Box<dyn Found + 'a>> {
-        Some(Box::new(Motions { args: self, gauged, origin, base, report: Box::new(report) }))
     }
 }
 
@@ -188,15 +178,10 @@ impl Motions<'_> {
         }
         let std = cells(&|c| gauged.std(c));
         say!("{:>12}{std}   of one reading at one position", "std (k=1)");
-        let slopes: Vec<String> = (0..3)
-            .filter(|i| *i != axis.direction())
-            .map(|i| format!("{} {:+.3}", symbols(axis)[i], arcsec_from_rad(gauged.slope[i])))
-            .collect();
-        say!(
-            "zero at {} mm; slopes removed from the straightnesses (arcsec): {}",
-            gauged.reference_position,
-            slopes.join(", ")
-        );
+        let slope = |i: usize| format!("{} {:+.3}", symbols(axis)[i], arcsec_from_rad(gauged.slope[i]));
+        let slopes = (0..3).filter(|i| *i != axis.direction()).map(slope).joined(", ");
+        let zero = gauged.reference_position;
+        say!("zero at {zero} mm; slopes removed from the straightnesses (arcsec): {slopes}");
     }
 }
 

@@ -150,21 +150,18 @@ impl Found for Outcome<'_> {
         let found = &self.found;
         let circle = |c: &Circle| json!({"Y0": c.y0, "Z0": c.z0, "R_c": c.radius});
         let covariance = found.covariance().map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])));
-        json!({
+        fields!(found; rms_radial, sigma, arc;
             "kasa": circle(&found.kasa),
             "geometric": circle(&found.geometric),
             "r_c_geometric": found.probe_radius,
             "r_c_kasa": found.probe_radius_kasa,
-            "rms_radial": found.rms_radial,
             "cond_raw_normal_matrix": found.condition_raw_normal,
-            "sigma": found.sigma,
             "covariance": covariance,
             "r_c_std": covariance.map(|c| c[2][2].sqrt()),
-            "arc": found.arc,
             "p_value": found.test.map(|t| t.p_value),
             "outliers": found.outliers.iter().map(|i| i + 1).collect::<Vec<_>>(),
             "notes": found.notes.iter().map(|n| note(n, found)).collect::<Vec<_>>(),
-        })
+        )
     }
 
     fn print(&self) {

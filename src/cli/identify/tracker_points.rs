@@ -273,16 +273,14 @@ impl Registered {
 
     pub(super) fn json(&self) -> Value {
         let rotation: Value = self.fit.rotation.row_iter().map(|r| json!([r[0], r[1], r[2]])).collect();
-        json!({
+        fields!(self.fit; chi2, dof;
             "points": self.points,
             "rotation": rotation,
             "translation": self.fit.translation.as_slice(),
             "residual_rms": self.fit.rms(),
             "worst_point": self.points[self.fit.worst().0],
             "std": self.std(),
-            "chi2": self.fit.chi2,
-            "dof": self.fit.dof,
             "p_value": self.p_value(),
-        })
+        )
     }
 }

@@ -170,14 +170,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
 
 /// The format of all files by their beginnings.
 fn one_format(files: &[PathBuf]) -> Result<Format> {
-    let (first, format) = (&files[0], detected(&files[0])?);
+    let (first, format) = (files[0].display(), detected(&files[0])?);
     for file in &files[1..] {
         if detected(file)? != format {
-            return Err(usage!(
-                "{} and {} are of different formats; import them one by one",
-                first.display(),
-                file.display()
-            ));
+            let file = file.display();
+            return Err(usage!("{first} and {file} are of different formats; import them one by one"));
         }
     }
     Ok(format)

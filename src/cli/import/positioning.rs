@@ -137,11 +137,9 @@ fn describe(test: &PositioningTest) {
     let ([low, high], unit) = ([*low, *high].map(|q| test.kind.position_out(q)), test.kind.position_unit());
     let cycles: BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let reverse = test.readings.iter().filter(|r| r.travel == Travel::Reverse).count();
+    let [readings, positions, cycles] = [test.readings.len(), positions.len(), cycles.len()];
     note!(
-        "  {} readings at {} positions from {low} to {high} {unit}, {} cycles, {reverse} of them towards minus",
-        test.readings.len(),
-        positions.len(),
-        cycles.len()
+        "  {readings} readings at {positions} positions from {low} to {high} {unit}, {cycles} cycles, {reverse} of them towards minus"
     );
     let order = match test.order {
         Order::Rows => "rows stand in the order measured",

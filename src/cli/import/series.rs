@@ -167,10 +167,8 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
     let header = &summary.header;
     note!("{}: SINUMERIK Edge capture", path.display());
     if let Some(machine) = header.machine() {
-        note!(
-            "  machine {machine}, recorded {}",
-            header.time_stamp.as_deref().unwrap_or("at an unknown time")
-        );
+        let time = header.time_stamp.as_deref().unwrap_or("at an unknown time");
+        note!("  machine {machine}, recorded {time}");
     }
     let Summary { rows, duration_s, .. } = summary;
     let (signals, cycle_ms) = (header.signals.len(), header.cycle_ms);
@@ -259,14 +257,13 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<()> {
     let out = args.out()?;
     let json = out.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let text = if json {
-        let about: serde_json::Map<String, serde_json::Value> =
-            test.about.iter().map(|(k, v)| (k.replace(' ', "_"), v.as_str().into())).collect();
-        let features: Vec<serde_json::Value> = test
-            .features
-            .iter()
-            .map(|f| serde_json::json!({"feature": f.name, "value": f.value, "unit": f.unit, "type": f.data_type}))
+        let about: Value =
+            test.about.iter().map(|(k, v)| (k.replace(' ', "_"), Value::from(v.as_str()))).collect();
+        let features = test.features.iter();
+        let features: Value = features
+            .map(|f| json!({"feature": f.name, "value": f.value, "unit": f.unit, "type": f.data_type}))
             .collect();
-        format!("{:#}\n", serde_json::json!({"plane": test.plane, "about": about, "features": features}))
+        format!("{:#}\n", json!({"plane": test.plane, "about": about, "features": features}))
     } else {
         let mut text = String::from("feature,value,unit\n");
         for f in &test.features {
@@ -276,7 +273,7 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<()> {
         }
         text
     };
-    crate::files::write_text(out, &text)?;
+    write_text(out, &text)?;
     note!("{file}: Renishaw ballbar test (.b5r){}", encoding_note(&decoded));
     if let Some(plane) = &test.plane {
         note!("  plane {plane}");

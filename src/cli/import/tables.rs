@@ -16,16 +16,12 @@ pub(super) fn run(args: &Args, format: Format) -> Result<()> {
     let mut seen: Vec<ErrorSymbol> = Vec::new();
     let sources = Sources::of(&args.files);
     for (index, path) in args.files.iter().enumerate() {
-        let file = path.display().to_string();
-        let bytes = input::read(path, InputKind::Instrument)?;
-        let decoded = args.decode(&file, &bytes)?;
-        let errors = read(args, format, &model, &file, &decoded.text, &encoding_note(&decoded))?;
-        for (symbol, function) in errors {
+        for (symbol, function) in read(args, format, &model, path)? {
             if seen.contains(&symbol) {
-                return Err(data!(file, "{symbol} was in a file before it; import one of the two"));
+                return Err(data!(path, "{symbol} was in a file before it; import one of the two"));
             }
             seen.push(symbol);
-            refuse_other_reference(&model, symbol, format, &file)?;
+            refuse_other_reference(&model, symbol, format, path)?;
             describe(symbol, &function);
             model.put(symbol, function, sources.only(|i| i == index).provenance());
         }
@@ -33,14 +29,14 @@ pub(super) fn run(args: &Args, format: Format) -> Result<()> {
     args.model.write(&model, &sources.comments(), &args.files)
 }
 
-fn read(
-    args: &Args,
-    format: Format,
-    model: &ModelFile,
-    file: &str,
-    text: &str,
-    encoding: &str,
-) -> Result<Vec<(ErrorSymbol, ErrorFunction)>> {
+/// Errors with their functions.
+type Errors = Vec<(ErrorSymbol, ErrorFunction)>;
+
+fn read(args: &Args, format: Format, model: &ModelFile, path: &Path) -> Result<Errors> {
+    let file = &path.display().to_string();
+    let bytes = input::read(path, InputKind::Instrument)?;
+    let decoded = args.decode(file, &bytes)?;
+    let (text, encoding) = (&decoded.text, encoding_note(&decoded));
     let axis =
         || args.axis.ok_or_else(|| usage!("{file}: the file does not say whose table it is; give --axis"));
     let fail = |e| format_failure(file, &e);
@@ -49,10 +45,8 @@ fn read(
             let tables = isg::parse(text, &model.spec.chain, args.control.sense).map_err(fail)?;
             note!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
             if !tables.kinematics.is_empty() {
-                note!(
-                    "  note: {} describe the control's kinematics and are no errors; left out",
-                    tables.kinematics.join(" ")
-                );
+                let names = tables.kinematics.join(" ");
+                note!("  note: {names} describe the control's kinematics and are no errors; left out");
             }
             Ok(tables.errors)
         }
@@ -86,7 +80,7 @@ fn read(
 
 /// Tables hold values in the relative sense, those of ISG at the origin: a model that means something else by its numbers
 /// would take them for something else.
-fn refuse_other_reference(model: &ModelFile, symbol: ErrorSymbol, format: Format, file: &str) -> Result<()> {
+fn refuse_other_reference(model: &ModelFile, symbol: ErrorSymbol, format: Format, file: &Path) -> Result<()> {
     if symbol.is_constant() {
         return Ok(());
     }
@@ -126,11 +120,7 @@ fn describe(symbol: ErrorSymbol, function: &ErrorFunction) {
         }
     }
     for grid in &function.grids {
-        let axes = grid
-            .axes()
-            .enumerate()
-            .map(|(i, a)| format!("{} along {a}", grid.positions(i).len()))
-            .joined(", ");
-        note!("  {symbol}: grid, {axes}");
+        let axes = grid.axes().enumerate().map(|(i, a)| format!("{} along {a}", grid.positions(i).len()));
+        note!("  {symbol}: grid, {}", axes.joined(", "));
     }
 }

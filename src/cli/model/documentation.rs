@@ -47,12 +47,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
     let machine = args.config.as_deref().map(crate::status::machine).transpose()?;
     if let Some(other) = machine.as_ref().filter(|m| m.machine != file.spec.machine) {
-        return Err(mistake!(
-            args.file,
-            "the model is of machine {}, the machine file of {}",
-            file.spec.machine,
-            other.machine
-        ));
+        let [own, other] = [&file.spec.machine, &other.machine];
+        return Err(mistake!(args.file, "the model is of machine {own}, the machine file of {other}"));
     }
     let mut acceptance = Acceptance::load(&HeadArgs::of_head(args.head.clone()), "", &[])?;
     acceptance.fill(Stated {
@@ -158,11 +154,8 @@ impl Documented<'_> {
             ("determined from", or_not_stated(origin(&self.file.provenance))),
             ("re-check", or_not_stated(self.re_check())),
         ]);
-        page.heading(format_args!(
-            "Error functions, {} of {}",
-            self.covered().len(),
-            spec.chain.error_symbols().len()
-        ));
+        let [covered, all] = [self.covered().len(), spec.chain.error_symbols().len()];
+        page.heading(format_args!("Error functions, {covered} of {all}"));
         self.functions(&mut page);
         page.heading("Application");
         self.application(&mut page);
@@ -202,11 +195,9 @@ impl Documented<'_> {
 
     fn functions(&self, page: &mut Page) {
         // errors determined elsewhere than the file as a whole
+        let of_file = origin(&self.file.provenance);
         let own = |symbol: ErrorSymbol| {
-            self.file
-                .origin_of(symbol)
-                .and_then(origin)
-                .filter(|o| Some(o) != origin(&self.file.provenance).as_ref())
+            self.file.origin_of(symbol).and_then(origin).filter(|o| Some(o) != of_file.as_ref())
         };
         let apart = self.spec().errors.iter().any(|(s, _)| own(*s).is_some());
         let heads =
@@ -260,11 +251,9 @@ impl Documented<'_> {
     /// What happens outside of the functions' ranges, and where they are narrower than the travel.
     fn extrapolation(&self) -> String {
         let held = "none: outside the range of a function its end value is held and the point is flagged";
-        let short = crate::check::model_notes(self.file)
-            .into_iter()
-            .filter(|n| n.contains("its end value is held"))
-            .map(|n| n.split(';').next().unwrap_or(&n).to_owned())
-            .joined("; ");
+        let notes = crate::check::model_notes(self.file).into_iter();
+        let short = notes.filter(|n| n.contains("its end value is held"));
+        let short = short.map(|n| n.split(';').next().unwrap_or(&n).to_owned()).joined("; ");
         if short.is_empty() {
             format!("{held}; every function covers the travel stated")
         } else {
@@ -426,12 +415,9 @@ fn representation(symbol: ErrorSymbol, function: &ErrorFunction) -> String {
     };
     let mut terms: Vec<String> = function.curves.iter().map(curve).collect();
     terms.extend(function.grids.iter().map(|grid| {
-        let axes = grid
-            .axes()
-            .enumerate()
-            .map(|(i, axis)| format!("{axis} {} {}", grid.positions(i).len(), step(grid.positions(i), axis)))
-            .joined(", ");
-        format!("grid, {axes}, linear")
+        let along =
+            |(i, axis)| format!("{axis} {} {}", grid.positions(i).len(), step(grid.positions(i), axis));
+        format!("grid, {}, linear", grid.axes().enumerate().map(along).joined(", "))
     }));
     terms.extend(function.live.iter().map(|live| format!("live value of {}", live.sensor)));
     if !function.dynamics.is_empty() {

@@ -69,13 +69,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
         fates.extend(extended.fates);
     }
     if !fates.iter().any(|(_, fate)| fate.is_taken()) {
-        let why: Vec<String> = fates.iter().map(|f| format!("\n  {}", line(f))).collect();
+        let why = fates.iter().map(|f| format!("\n  {}", line(f))).joined("");
         let files = args.add.iter().map(|p| p.display()).joined(", ");
-        return Err(failure!(
-            EX_DATAERR,
-            "{files}: nothing in it can be part of a model; the model stays as it is{}",
-            why.concat()
-        ));
+        let what = "nothing in it can be part of a model; the model stays as it is";
+        return Err(failure!(EX_DATAERR, "{files}: {what}{why}"));
     }
     let forecast = args.add.first().map(|path| Forecast::read(args.report.as_ref(), path));
     let forecast = forecast.transpose()?.flatten();

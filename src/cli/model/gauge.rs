@@ -145,10 +145,8 @@ fn effect_parts(effect: &Effect) -> Vec<String> {
         let (amount, unit) = in_unit(*symbol, *amount);
         format!("{} {amount:+.3} {unit}", key(*symbol))
     });
-    let slopes = effect
-        .slopes
-        .iter()
-        .map(|(symbol, slope)| format!("{} slope {:+.3} arcsec", key(*symbol), angle(*slope)));
+    let slope = |(symbol, slope): &(_, f64)| format!("{} slope {:+.3} arcsec", key(*symbol), angle(*slope));
+    let slopes = effect.slopes.iter().map(slope);
     errors.chain(slopes).chain(rigid_parts(&effect.rigid)).collect()
 }
 

@@ -51,39 +51,26 @@ impl Report<'_> {
     /// Frame and origin of the file.
     pub(super) fn frame_lines(&self) -> Vec<String> {
         let spec = self.spec();
-        let mut out = vec![format!(
-            "workpiece origin {} mm, tool tip {} mm{}",
-            point(&spec.workpiece_origin),
-            point(&spec.tool_tip),
-            spec.gauge_point.map_or(String::new(), |g| format!(", gauge point {} mm", point(&g)))
-        )];
-        let origin = origin_words(&self.file.provenance);
-        if !origin.is_empty() {
-            out.push(origin);
-        }
-        out
+        let gauge = spec.gauge_point.map_or(String::new(), |g| format!(", gauge point {} mm", point(&g)));
+        let [origin, tip] = [spec.workpiece_origin, spec.tool_tip].map(|p| point(&p));
+        let frame = format!("workpiece origin {origin} mm, tool tip {tip} mm{gauge}");
+        let stated = Some(origin_words(&self.file.provenance)).filter(|words| !words.is_empty());
+        [frame].into_iter().chain(stated).collect()
     }
 
     /// The largest deviations: what, how large, where.
     pub(super) fn worst(&self) -> Table {
         let (p, r) = (&self.found.position, &self.found.rotation);
         let (e, t) = (p.deviation.position.map(um_from_mm), r.deviation.rotation.map(arcsec_from_rad));
+        let of = |what: &str, at: &Extreme, v: &Vec3, unit: &str| {
+            let place = format!("at {}: {} {unit}", self.place(at), vector(v));
+            [what.to_owned(), format!("{:.2} {unit}", v.norm()), place]
+        };
+        let (rms, poses) = (um_from_mm(self.found.rms), self.found.poses);
         let mut table = Table::new(["", ">", ""]).rows([
-            [
-                "largest position error".to_owned(),
-                format!("{:.2} um", e.norm()),
-                format!("at {}: {} um", self.place(p), vector(&e)),
-            ],
-            [
-                "largest error of direction".to_owned(),
-                format!("{:.2} arcsec", t.norm()),
-                format!("at {}: {} arcsec", self.place(r), vector(&t)),
-            ],
-            [
-                "root mean square of position".to_owned(),
-                format!("{:.2} um", um_from_mm(self.found.rms)),
-                format!("{} poses", self.found.poses),
-            ],
+            of("largest position error", p, &e, "um"),
+            of("largest error of direction", r, &t, "arcsec"),
+            ["root mean square of position".to_owned(), format!("{rms:.2} um"), format!("{poses} poses")],
         ]);
         let word = |axis: AxisName| format!("{axis} at 0 {}", position_unit(axis));
         let kept: Vec<String> = kept_in_place(self.spec()).into_iter().map(word).collect();

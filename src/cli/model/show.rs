@@ -53,10 +53,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     lines.extend(written.map(|out| format!("written: {}", out.display())));
     if args.html.is_none() && args.svg.is_none() {
         let hint = Path::new(args.file.file_stem().unwrap_or_default()).with_extension("html");
-        lines.push(format!(
-            "with curves and the distorted volume as a picture: add --html {}",
-            hint.display()
-        ));
+        let what = "with curves and the distorted volume as a picture";
+        lines.push(format!("{what}: add --html {}", hint.display()));
     }
     crate::exit::print(&(lines.join("\n") + "\n"))
 }

@@ -108,10 +108,8 @@ fn page(r: &CirclePrediction, readings: &[CircularReading], args: &Args, data: &
     table(r).put_stacked(&mut page);
     let step = (readings.len() / 720).max(1);
     let of = |c: &Circularity, travel: Travel| -> Vec<(f64, f64)> {
-        let mut points: Vec<(f64, f64)> = readings
-            .iter()
-            .zip(&c.radial)
-            .filter(|(reading, _)| reading.travel == travel)
+        let own = readings.iter().zip(&c.radial).filter(|(reading, _)| reading.travel == travel);
+        let mut points: Vec<(f64, f64)> = own
             .step_by(step)
             .map(|(reading, radial)| (reading.angle.to_degrees().rem_euclid(360.0), um_from_mm(*radial)))
             .collect();

@@ -35,11 +35,8 @@ pub(super) fn live_values(path: &Path, model: &Model, readings: &[Reading]) -> R
         } else {
             format!("its [thermal.NAME] depend on {}", inputs.join(", "))
         };
-        return Err(usage!(
-            "--reading {}: nothing in {} depends on this sensor; {known}",
-            stranger.sensor,
-            path.display()
-        ));
+        let (sensor, model) = (&stranger.sensor, path.display());
+        return Err(usage!("--reading {sensor}: nothing in {model} depends on this sensor; {known}"));
     }
     for thermal in used {
         let find = |sensor: &str| readings.iter().rfind(|r| r.sensor == sensor).map(|r| r.value);

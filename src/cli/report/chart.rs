@@ -116,11 +116,8 @@ impl Scale {
         let most = ((self.pixels[1] - self.pixels[0]).abs() / least).max(1.0);
         let rough = (high - low) / most;
         let below = round_below(rough);
-        let step = [1.0, 2.0, 2.5, 5.0]
-            .into_iter()
-            .map(|m| m * below)
-            .find(|s| *s >= rough * (1.0 - 1e-9) && (round_below(*s) - *s).abs() < 1e-6 * *s);
-        let step = step.unwrap_or(2.0 * below);
+        let fits = |s: &f64| *s >= rough * (1.0 - 1e-9) && (round_below(*s) - *s).abs() < 1e-6 * *s;
+        let step = [1.0, 2.0, 2.5, 5.0].into_iter().map(|m| m * below).find(fits).unwrap_or(2.0 * below);
         let first = (low / step).ceil() as i64;
         let last = (high / step).floor() as i64;
         let decimals = (-(step * (1.0 + 1e-9)).log10().floor()).clamp(0.0, 9.0) as usize;

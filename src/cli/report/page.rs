@@ -140,21 +140,12 @@ impl Page {
 
     /// A table whose rows become blocks with the heads as labels where the page is narrow.
     pub(crate) fn stacked_table(&mut self, head: &[&str], rows: &[Vec<Cell>]) {
-        self.text.push_str("<table class=\"stack\"><thead><tr>");
         let is_number = |k: usize| rows.first().and_then(|r| r.get(k)).is_some_and(Cell::is_number);
-        for (k, label) in head.iter().enumerate() {
-            let class = if is_number(k) { " class=\"n\"" } else { "" };
-            self.put(format_args!("<th{class}>{}</th>", escape(label)));
-        }
-        self.text.push_str("</tr></thead>");
-        for row in rows {
-            self.text.push_str("<tr>");
-            for (k, (cell, label)) in row.iter().zip(head).enumerate() {
-                self.put(format_args!("{}", cell.markup((k > 0 && !label.is_empty()).then_some(label))));
-            }
-            self.text.push_str("</tr>\n");
-        }
-        self.text.push_str("</table>\n");
+        let cell = |(k, label)| Cell::new("th", if is_number(k) { "n" } else { "" }, label);
+        let heads: Vec<Cell> = head.iter().enumerate().map(cell).collect();
+        self.put(format_args!("<table class=\"stack\"><thead>{}</thead>", row(&heads, &[])));
+        self.rows(rows, head);
+        self.text.push('\n');
     }
 
     /// Items of a list.
@@ -181,14 +172,17 @@ impl Page {
         self.text.push_str("<div class=\"scroll\">");
         self.text.push_str(if rows.len() <= 30 { "<table class=\"keep\">" } else { "<table>" });
         if !head.is_empty() {
-            self.text.push_str("<thead>");
-            self.row(head, true);
-            self.text.push_str("</thead>");
+            let heads: Vec<Cell> = head.iter().map(|cell| Cell { tag: "th", ..cell.clone() }).collect();
+            self.put(format_args!("<thead>{}\n</thead>", row(&heads, &[])));
         }
-        for row in rows {
-            self.row(row, false);
-        }
-        self.text.push_str("</table></div>\n");
+        self.rows(rows, &[]);
+        self.text.push_str("</div>\n");
+    }
+
+    /// The rows of a table and its end.
+    fn rows(&mut self, rows: &[Vec<Cell>], labels: &[&str]) {
+        rows.iter().for_each(|cells| self.html(&row(cells, labels)));
+        self.text.push_str("</table>");
     }
 
     /// Charts side by side where there is room.
@@ -223,23 +217,8 @@ impl Page {
     /// A table of keys and values, two pairs in a row.
     pub(crate) fn head_table(&mut self, rows: &[Vec<Cell>]) {
         self.text.push_str("<table class=\"head keep\">");
-        for row in rows {
-            self.row(row, false);
-        }
-        self.text.push_str("</table>\n");
-    }
-
-    fn row(&mut self, cells: &[Cell], head: bool) {
-        self.text.push_str("<tr>");
-        for cell in cells {
-            if head {
-                let class = if cell.is_number() { " class=\"n\"" } else { "" };
-                self.put(format_args!("<th{class}>{}</th>", cell.content));
-            } else {
-                self.put(format_args!("{}", cell.markup(None)));
-            }
-        }
-        self.text.push_str("</tr>\n");
+        self.rows(rows, &[]);
+        self.text.push('\n');
     }
 
     /// A picture with what it shows; `svg` is markup.
@@ -259,6 +238,13 @@ impl Page {
         self.text.push_str("</body></html>\n");
         self.text
     }
+}
+
+/// A row of a table; the labels, where there are any, name its columns.
+fn row(cells: &[Cell], labels: &[&str]) -> String {
+    let label = |k: usize| labels.get(k).copied().filter(|label| k > 0 && !label.is_empty());
+    let cells: String = cells.iter().enumerate().map(|(k, cell)| cell.markup(label(k))).collect();
+    format!("<tr>{cells}</tr>")
 }
 
 /// Height over width from which a picture takes half a sheet of paper.

@@ -65,12 +65,8 @@ impl Table {
     pub(crate) fn lines(&self) -> Vec<String> {
         let (columns, has_heads) = self.shown(|cell| ["", "-", NOT_STATED].contains(&cell));
         let heads: Vec<String> = (0..self.heads.len()).map(|k| self.head(k).to_owned()).collect();
-        let all: Vec<Vec<String>> = has_heads
-            .then_some(&heads)
-            .into_iter()
-            .chain(&self.rows)
-            .map(|row| row.iter().map(|cell| micro(cell)).collect())
-            .collect();
+        let rows = has_heads.then_some(&heads).into_iter().chain(&self.rows);
+        let all: Vec<Vec<String>> = rows.map(|row| row.iter().map(|cell| micro(cell)).collect()).collect();
         let width = |k: usize| all.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
         let widths: Vec<(usize, usize)> = columns.into_iter().map(|k| (k, width(k))).collect();
         let line = |row: &Vec<String>| {

@@ -27,11 +27,9 @@ pub(super) type Figure = (String, String);
 
 /// Two bars, one above the other, as shares of the largest.
 pub(super) fn before_and_after_bar(before: f64, after: f64) -> String {
-    let width = |v: f64| 100.0 * v.clamp(0.0, 1.0);
+    let [before, after] = [before, after].map(|v| 100.0 * v.clamp(0.0, 1.0));
     format!(
-        "<span class=\"pair\"><i class=\"bar g\" style=\"width:{:.1}%\"></i><i class=\"bar a\" style=\"width:{:.1}%\"></i></span>",
-        width(before),
-        width(after)
+        "<span class=\"pair\"><i class=\"bar g\" style=\"width:{before:.1}%\"></i><i class=\"bar a\" style=\"width:{after:.1}%\"></i></span>"
     )
 }
 
@@ -93,27 +91,14 @@ pub(super) fn file_name(path: &str) -> &str {
 
 /// The gap as measured over the gap that the declared causes predict, each without the set-up offsets.
 pub(super) fn measured_and_predicted(found: &Diagnosis) -> Option<Figure> {
-    let points: Vec<(f64, f64)> = found
-        .before_um
-        .iter()
-        .zip(&found.after_um)
-        .filter(|(b, a)| b.is_finite() && a.is_finite())
-        .map(|(b, a)| (b - a, *b))
-        .collect();
-    let points = thinned(&points);
+    let both = found.before_um.iter().zip(&found.after_um).filter(|(b, a)| b.is_finite() && a.is_finite());
+    let points = thinned(&both.map(|(b, a)| (b - a, *b)).collect::<Vec<_>>());
     if points.len() < 2 {
         return None;
     }
-    let mut chart = Chart::new(
-        HALF,
-        Labels {
-            title: "Measured against predicted",
-            x: "gap predicted by the causes, µm",
-            y: "gap measured, µm",
-        },
-        points.iter().map(|p| p.0),
-        points.iter().map(|p| p.1),
-    );
+    let (title, x, y) = ("Measured against predicted", "gap predicted by the causes, µm", "gap measured, µm");
+    let (xs, ys) = (points.iter().map(|p| p.0), points.iter().map(|p| p.1));
+    let mut chart = Chart::new(HALF, Labels { title, x, y }, xs, ys);
     chart.marks(Mark::Dot, Ink::Blue, points.iter().copied());
     let [low, high] = chart.shared_range();
     chart.reference([(low, low), (high, high)]);
@@ -123,7 +108,7 @@ pub(super) fn measured_and_predicted(found: &Diagnosis) -> Option<Figure> {
     ];
     // the comparison of few readings fits all of them
     let how = if found.report.is_compared { "" } else { "each reading predicted from the others" };
-    Some((chart.finish(), caption("Measured against predicted", &keys, how)))
+    Some((chart.finish(), caption(title, &keys, how)))
 }
 
 /// The gap before and after over time and over each axis that moves.
@@ -133,7 +118,7 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
     if session.is_ordinal() {
         // no duration holds: the order is all there is
         let order: Vec<f64> = (1..=times.len()).map(|k| k as f64).collect();
-        figures.extend(residual(session, found, "the order measured", "number of the reading", &order));
+        figures.extend(residual(session, found, ("the order measured", "number of the reading", &order)));
     }
     let span = extent(&times);
     let (factor, unit) = if span > 10_800.0 {
@@ -146,7 +131,7 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
     let times: Vec<f64> = times.iter().map(|t| t / factor).collect();
     let clock = if session.files.len() > 1 { ", on the clock of each file" } else { "" };
     if !session.is_ordinal() {
-        figures.extend(residual(session, found, "time", &format!("time{clock}, {unit}"), &times));
+        figures.extend(residual(session, found, ("time", &format!("time{clock}, {unit}"), &times)));
     }
     for axis in &session.axes {
         let slot = axis.slot();
@@ -154,7 +139,7 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
         let (unit, of): (_, fn(f64) -> f64) =
             if axis.is_linear() { ("mm", |v| v) } else { ("°", f64::to_degrees) };
         let values: Vec<f64> = session.moments.iter().map(|m| of(m.position[slot])).collect();
-        figures.extend(residual(session, found, &letter, &format!("{letter}, {unit}"), &values));
+        figures.extend(residual(session, found, (&letter, &format!("{letter}, {unit}"), &values)));
     }
     figures
 }
@@ -164,13 +149,10 @@ fn extent(values: &[f64]) -> f64 {
     if high > low { high - low } else { 0.0 }
 }
 
-fn residual(
-    session: &Session,
-    found: &Diagnosis,
-    over: &str,
-    x_label: &str,
-    values: &[f64],
-) -> Option<Figure> {
+/// Over what, the label of its axis, and its values.
+type Abscissa<'a> = (&'a str, &'a str, &'a [f64]);
+
+fn residual(session: &Session, found: &Diagnosis, (over, x_label, values): Abscissa<'_>) -> Option<Figure> {
     if extent(values) <= 1e-9 {
         return None;
     }
@@ -195,17 +177,10 @@ fn residual(
     if shown().count() < 2 {
         return None;
     }
-    let (what, title) = if is_gap {
-        ("gap", format!("Gap over {over}"))
-    } else {
-        ("residual", format!("Residual over {over}"))
-    };
-    let mut chart = Chart::new(
-        HALF,
-        Labels { title: &title, x: x_label, y: &format!("{what}, µm") },
-        shown().map(|p| p.0),
-        shown().map(|p| p.1),
-    );
+    let what = if is_gap { "gap" } else { "residual" };
+    let title = capital(&format!("{what} over {over}"));
+    let labels = Labels { title: &title, x: x_label, y: &format!("{what}, µm") };
+    let mut chart = Chart::new(HALF, labels, shown().map(|p| p.0), shown().map(|p| p.1));
     let mut keys = Vec::new();
     if !is_gap {
         chart.marks(Mark::Dot, Ink::Grey, before.iter().copied());

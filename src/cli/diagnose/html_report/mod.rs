@@ -6,7 +6,7 @@ use crate::prelude::*;
 use crate::report::chart::{Bar, Ink, bars};
 use crate::report::page::escape;
 use volcomp_diagnose::Diagnosis;
-use volcomp_diagnose::report::{Cause, Report, Verdict};
+use volcomp_diagnose::report::{Cause, InstrumentNoise, Report, Verdict};
 use volcomp_diagnose::session::Session;
 
 use charts::Figure;
@@ -53,58 +53,36 @@ pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensab
 
 /// Name with its label in small print: the label is what files and options use.
 fn named(cause: &Cause) -> String {
-    format!(
-        "<b>{}</b> <br><small>{}</small>",
-        escape(&capital(&name(&cause.effect, &cause.subject))),
-        escape(&cause.label())
-    )
+    let name = escape(&capital(&name(&cause.effect, &cause.subject)));
+    format!("<b>{name}</b> <br><small>{}</small>", escape(&cause.label()))
 }
 
 fn summary(page: &mut Page, found: &Diagnosis) {
     let r = &found.report;
-    let s = &r.shrink;
+    let (s, used, all) = (&r.shrink, r.rows_used, counted(r.rows, "reading"));
+    let [gap, noise, peak_before] = [r.gap.rms_um, r.gap.noise_um, s.peak99_before_um].map(um);
+    let share = percent(r.gap.explainable);
     let mut rows = vec![
-        (
-            "Gap",
-            format!(
-                "{} µm RMS over {} of {}; 99 % of them within {} µm",
-                um(r.gap.rms_um),
-                r.rows_used,
-                counted(r.rows, "reading"),
-                um(s.peak99_before_um)
-            ),
-        ),
+        ("Gap", format!("{gap} µm RMS over {used} of {all}; 99 % of them within {peak_before} µm")),
         (
             "Measurement noise",
-            format!(
-                "{} µm RMS, {} of the mean square of the gap is neither noise nor drift",
-                um(r.gap.noise_um),
-                percent(r.gap.explainable)
-            ),
+            format!("{noise} µm RMS, {share} of the mean square of the gap is neither noise nor drift"),
         ),
     ];
     if !found.budget.names_no_cause() {
+        let [high, low] = s.ci90.map(|less| um((1.0 - less).max(0.0) * s.rms_before_um));
+        let [after, peak] = [s.rms_after_um, s.peak99_after_um].map(um);
         rows.push((
             "Expected after correction",
-            format!(
-                "{} µm RMS, {} to {} µm (90 %); 99 % of the readings within {} µm",
-                um(s.rms_after_um),
-                um((1.0 - s.ci90[1]).max(0.0) * s.rms_before_um),
-                um((1.0 - s.ci90[0]).max(0.0) * s.rms_before_um),
-                um(s.peak99_after_um)
-            ),
+            format!("{after} µm RMS, {low} to {high} µm (90 %); 99 % of the readings within {peak} µm"),
         ));
     }
     if let Some(f) = &r.fresh {
         let inside = if f.within_forecast { "inside" } else { "outside" };
+        let ([before, after], less) = ([f.rms_before_um, f.rms_after_um].map(um), percent(f.fraction));
         rows.push((
             "Observed on fresh data",
-            format!(
-                "{} → {} µm RMS, {} less, {inside} the predicted interval",
-                um(f.rms_before_um),
-                um(f.rms_after_um),
-                percent(f.fraction)
-            ),
+            format!("{before} → {after} µm RMS, {less} less, {inside} the predicted interval"),
         ));
     }
     page.facts(rows);
@@ -344,16 +322,10 @@ fn unexplained(page: &mut Page, found: &Diagnosis) {
     if more > 0 {
         looks.push_str(&format!("; {more} more in report.json"));
     }
-    page.paragraph(format!(
-        "{} µm RMS, {} of the mean square of the gap: {}.",
-        um(b.unexplained_um),
-        percent(b.shares().unexplained),
-        with_names(&looks)
-    ));
-    let places = u
-        .places
-        .iter()
-        .take(5)
+    let (size, share, looks) = (um(b.unexplained_um), percent(b.shares().unexplained), with_names(&looks));
+    page.paragraph(format!("{size} µm RMS, {share} of the mean square of the gap: {looks}."));
+    let places = u.places.iter().take(5);
+    let places = places
         .map(|p| format!("{} {} {} ({})", p.by, p.of, percent(p.share), p.detail).replace("  ", " "))
         .joined("; ");
     if !places.is_empty() {
@@ -367,13 +339,9 @@ fn next(page: &mut Page, r: &Report) {
     }
     page.heading("Next measurement");
     for (k, n) in r.next_measurement.iter().take(NEXT).enumerate() {
-        page.html(&format!(
-            "<p><b>{}. {}</b>, about {} min. {}.</p>",
-            k + 1,
-            escape(&capital(&with_names(&n.action))),
-            number(n.minutes, 0),
-            escape(&capital(&with_names(&n.decides)))
-        ));
+        let [action, decides] = [&n.action, &n.decides].map(|text| escape(&capital(&with_names(text))));
+        let (k, minutes) = (k + 1, number(n.minutes, 0));
+        page.html(&format!("<p><b>{k}. {action}</b>, about {minutes} min. {decides}.</p>"));
         let lines: Vec<&str> = n.gcode.lines().collect();
         if n.gcode == "(the same part programs again)" {
             continue;
@@ -425,34 +393,20 @@ fn list(page: &mut Page, entries: impl Iterator<Item = String>) {
 fn data(page: &mut Page, session: &Session, r: &Report) {
     page.heading("Data");
     let head = ["instrument", "white noise, µm", "drift, µm", "correlation time", "resolution, µm"];
-    let rows: Vec<Vec<Cell>> = r
-        .noise
-        .iter()
-        .map(|n| {
-            let drifts = n.drift_um > 0.0;
-            vec![
-                Cell::head(&n.instrument),
-                Cell::number(number(n.white_um, 3)),
-                Cell::number(if drifts { number(n.drift_um, 3) } else { "none".to_owned() }),
-                Cell::number(if drifts { session.span(n.drift_s) } else { "–".to_owned() }),
-                Cell::number(if n.resolution_um > 0.0 {
-                    number(n.resolution_um, 3)
-                } else {
-                    "not seen".to_owned()
-                }),
-            ]
-        })
-        .collect();
-    page.stacked_table(&head, &rows);
+    let row = |n: &InstrumentNoise| {
+        let or = |size: f64, none: &str| if size > 0.0 { number(size, 3) } else { none.to_owned() };
+        let span = if n.drift_um > 0.0 { session.span(n.drift_s) } else { "–".to_owned() };
+        let sizes = [number(n.white_um, 3), or(n.drift_um, "none"), span, or(n.resolution_um, "not seen")];
+        [Cell::head(&n.instrument)].into_iter().chain(sizes.map(Cell::number)).collect()
+    };
+    page.stacked_table(&head, &r.noise.iter().map(row).collect::<Vec<_>>());
     if !r.outlying_readings.is_empty() {
         let listed = r.outlying_readings.iter().take(OUTLIERS).map(|o| o.words(um)).joined("; ");
         let more = r.outlying_readings.len().saturating_sub(OUTLIERS);
         let more = if more > 0 { format!(" and {more} more in report.json") } else { String::new() };
-        page.note(format!(
-            "{} left out as {}: {listed}{more}.",
-            counted(r.outlying_readings.len(), "reading"),
-            if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" }
-        ));
+        let readings = counted(r.outlying_readings.len(), "reading");
+        let outliers = if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" };
+        page.note(format!("{readings} left out as {outliers}: {listed}{more}."));
     }
     // the folder of a file says nothing on paper
     let short = |note: &String| {
@@ -460,10 +414,8 @@ fn data(page: &mut Page, session: &Session, r: &Report) {
         escape(&with_names(&session.files.iter().fold(note.clone(), shorter)))
     };
     list(page, r.notes.iter().map(short));
+    let (how, share, seed) = (&r.shrink.how, percent(r.shrink.in_sample_fraction), r.seed);
     page.note(format!(
-        "Forecast by {}; in-sample the reduction would be {} (optimistic). Seed {}. All figures: report.json.",
-        r.shrink.how,
-        percent(r.shrink.in_sample_fraction),
-        r.seed
+        "Forecast by {how}; in-sample the reduction would be {share} (optimistic). Seed {seed}. All figures: report.json."
     ));
 }

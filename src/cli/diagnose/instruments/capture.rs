@@ -124,19 +124,16 @@ impl Survey {
                 (Some(desired), Some(actual)) => channels.push(Channel { axis: *axis, desired, actual }),
                 (desired, _) => {
                     let lost = if desired.is_none() { "DES_POS" } else { "ENC_POS" };
-                    let known = known();
-                    return Err(data!(
-                        path,
-                        "no signal {lost}|{number}; --axes names axes of the capture: {known}"
-                    ));
+                    let what =
+                        format!("no signal {lost}|{number}; --axes names axes of the capture: {}", known());
+                    return Err(Failure::data(path, what));
                 }
             }
         }
         if channels.is_empty() {
+            let (file, known) = (path.display(), known());
             return Err(usage!(
-                "{}: a capture needs at least one linear axis; name them with --axes, such as x=1,y=2,z=6; the capture has {}",
-                path.display(),
-                known()
+                "{file}: a capture needs at least one linear axis; name them with --axes, such as x=1,y=2,z=6; the capture has {known}"
             ));
         }
         Ok(channels)
@@ -178,16 +175,14 @@ impl Following {
     }
 
     fn finish(self, format: String, notes: Vec<String>, times: &str) -> Measurement {
-        let axes = self.channels.iter().map(|c| c.axis.lower().to_string()).joined(", ");
-        let samples = self.rows.raw.len();
-        let stretches = self.runs.len();
+        let all = self.channels.iter().map(|c| c.axis.lower().to_string()).joined(", ");
+        let axes = self.only.map_or(all, |a| a.lower().to_string());
+        let readings = counted(self.rows.raw.len(), "reading");
+        let parts = counted(self.runs.len(), "uninterrupted part");
         let mut found = Measurement::new(self.rows, Times::Measured, format);
         found.notes = notes;
         found.note(format!(
-            "following errors (encoder minus set point) of {}: {}, {times}, {}",
-            self.only.map_or(axes, |a| a.lower().to_string()),
-            counted(samples, "reading"),
-            counted(stretches, "uninterrupted part")
+            "following errors (encoder minus set point) of {axes}: {readings}, {times}, {parts}"
         ));
         found
     }

@@ -90,20 +90,13 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     };
     found.note(format!("{}, {}, {ways}", counted(samples.len(), "reading"), counted(run as usize, "run")));
     if turning > 0 {
-        found.note(format!(
-            "{} where an axis turns round left out: it goes neither way there",
-            counted(turning, "reading")
-        ));
+        let readings = counted(turning, "reading");
+        found.note(format!("{readings} where an axis turns round left out: it goes neither way there"));
     }
     found.note(format!("plane {plane}{}", stated(args.plane.is_some(), "--plane")));
     found.note(format!("radius {radius} mm{}", stated(args.radius_mm.is_some(), "--radius-mm")));
-    found.note(format!(
-        "centre at {}, {}, {} mm{}",
-        centre.x,
-        centre.y,
-        centre.z,
-        stated(args.centre_mm.is_some(), "--centre-mm")
-    ));
+    let ([x, y, z], stated): ([f64; 3], _) = (centre.into(), stated(args.centre_mm.is_some(), "--centre-mm"));
+    found.note(format!("centre at {x}, {y}, {z} mm{stated}"));
     found.note(if fed {
         "velocities and times from angle and feed"
     } else {

@@ -57,13 +57,11 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
         (None, 3) => (vec![0, 1, 2], "as three probes along x, y and z"),
         (None, 1) => (vec![2], "as an axial probe"),
         (None, n) => {
+            let (file, all, first, last) =
+                (path.display(), channels.join(", "), &channels[0], &channels[n - 1]);
             return Err(usage!(
-                "{}: {n} columns of displacement ({}) whose directions are not known; name those to use with --series, such as \
-                 x={},z={}",
-                path.display(),
-                channels.join(", "),
-                channels[0],
-                channels[n - 1]
+                "{file}: {n} columns of displacement ({all}) whose directions are not known; name those to use with --series, such \
+                 as x={first},z={last}"
             ));
         }
     };
@@ -134,12 +132,9 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let mut found = Measurement::new(rows, Times::Measured, "log of displacement at one position");
     let heat = sources.iter().filter(|(_, n)| n.starts_with("temp_")).count();
     let spindle = if sources.len() > heat { ", spindle speed" } else { "" };
-    found.note(format!(
-        "{} of {}, {}{spindle}; the machine stands at one position",
-        counted(samples, "sample"),
-        counted(columns.len(), "probe"),
-        counted(heat, "temperature")
-    ));
+    let (samples, probes) = (counted(samples, "sample"), counted(columns.len(), "probe"));
+    let heat = counted(heat, "temperature");
+    found.note(format!("{samples} of {probes}, {heat}{spindle}; the machine stands at one position"));
     found.notes.extend(notes);
     Ok(found)
 }

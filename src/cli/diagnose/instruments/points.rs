@@ -109,10 +109,8 @@ pub(super) fn read(path: &Path, model: Option<&Model>) -> Result<Measurement> {
     let times = if raw.column("t_s").is_some() { None } else { Some(Times::Ordinal) };
     let mut found = Measurement::new(rows, Times::Ordinal, "points measured in the frame of the instrument");
     found.raw.times = times;
-    found.note(format!(
-        "{}; target at the tool tip, instrument at rest relative to the workpiece",
-        counted(raw.len(), "point")
-    ));
+    let points = counted(raw.len(), "point");
+    found.note(format!("{points}; target at the tool tip, instrument at rest relative to the workpiece"));
     found.notes.extend(notes);
     if raw.column("repeat").is_none() && setups.values().any(|s| s.repeat > 1.0) {
         found.note("repetitions counted where the first position returns; a column repeat states them");
@@ -140,12 +138,9 @@ fn measured(raw: &Raw) -> Result<Vec<Option<Vec3>>> {
     let is_cartesian = has(CARTESIAN);
     let names = if is_cartesian { CARTESIAN } else { SPHERICAL };
     if !has(names) {
-        return Err(data!(
-            raw.file,
-            "points in the frame of an instrument have the columns {} or {}",
-            CARTESIAN.join(", "),
-            SPHERICAL.join(", ")
-        ));
+        let [one, other] = [CARTESIAN, SPHERICAL].map(|names| names.join(", "));
+        let what = format!("points in the frame of an instrument have the columns {one} or {other}");
+        return Err(Failure::data(&raw.file, what));
     }
     let at = |i: usize| {
         let values = names.map(|n| value(raw, n, i, f64::NAN));
@@ -157,11 +152,10 @@ fn measured(raw: &Raw) -> Result<Vec<Option<Vec3>>> {
                 let (azimuth, elevation) = (azimuth * RAD_PER_DEG, elevation * RAD_PER_DEG);
                 Ok(Some(Observation { range, azimuth, elevation }.point()))
             }
-            _ => Err(data!(
-                format!("{}:{}", raw.file, raw.lines[i]),
-                "a point is whole: all of {} or none",
-                names.join(", ")
-            )),
+            _ => {
+                let (line, all) = (format!("{}:{}", raw.file, raw.lines[i]), names.join(", "));
+                Err(data!(line, "a point is whole: all of {all} or none"))
+            }
         }
     };
     (0..raw.len()).map(at).collect()
@@ -182,10 +176,8 @@ fn nominal(raw: &Raw, row: usize, model: Option<&Model>) -> Result<Nominal> {
     let Some(model) = model else {
         let turning = coordinates.iter().find(|(a, _)| a.kind() == AxisKind::Rotary);
         if let Some((axis, _)) = turning {
-            return Err(data!(
-                raw.file,
-                "axis {axis} turns, and nothing says where it stands in the chain; give the model with --model"
-            ));
+            let what = "turns, and nothing says where it stands in the chain; give the model with --model";
+            return Err(data!(raw.file, "axis {axis} {what}"));
         }
         let tip = Vec3::from(["x", "y", "z"].map(|a| value(raw, &format!("{a}_mm"), row, 0.0)));
         return Ok(Nominal { in_w: tip, in_m: tip, bed: Mat3::identity() });

@@ -87,13 +87,11 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
         let (scale, unit) = if linear { (1.0, "mm") } else { (RADIUS_MM, "deg") };
         let way = if r.travel == Travel::Reverse { "backward" } else { "forward" };
         let place = if linear { r.position } else { deg_from_rad(r.position) };
+        let [apart, limit] = [o.apart, o.limit].map(|v| um_from_mm(v * scale));
+        let (line, cycle) = (test.line(o.reading), r.cycle);
         found.note(format!(
-            "line {}: start-up outlier at {place} {unit} {way}, cycle {}: {:+.1} µm from the median of the other cycles \
-             (limit {:.1} µm); kept and treated as an outlier",
-            test.line(o.reading),
-            r.cycle,
-            um_from_mm(o.apart * scale),
-            um_from_mm(o.limit * scale)
+            "line {line}: start-up outlier at {place} {unit} {way}, cycle {cycle}: {apart:+.1} µm from the median of the other cycles \
+             (limit {limit:.1} µm); kept and treated as an outlier"
         ));
     }
     Ok(found)
@@ -113,10 +111,8 @@ fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName
             AxisKind::Linear => ("millimetres", "a linear"),
             AxisKind::Rotary => ("degrees", "a rotary"),
         };
-        return Err(data!(
-            path,
-            "the test is in {unit}, axis {axis} does not suit; name {kind} axis with --axis"
-        ));
+        let what = format!("the test is in {unit}, axis {axis} does not suit; name {kind} axis with --axis");
+        return Err(Failure::data(path, what));
     }
     if volcomp_diagnose::machine_state::Axis::from_name(axis).is_none() {
         return Err(usage!("--axis {axis}: a session has the axes x, y, z, a, b and c"));
@@ -140,15 +136,9 @@ fn describe(found: &mut Measurement, test: &PositioningTest, axis: AxisName) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
     let cycles: BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let ways = ways(test.readings.iter().map(|r| r.travel));
-    found.notes.insert(
-        0,
-        format!(
-            "axis {axis}, {}, {}, {ways}, {}",
-            counted(positions.len(), "target"),
-            counted(cycles.len(), "cycle"),
-            counted(test.readings.len(), "reading")
-        ),
-    );
+    let (targets, cycles) = (counted(positions.len(), "target"), counted(cycles.len(), "cycle"));
+    let readings = counted(test.readings.len(), "reading");
+    found.notes.insert(0, format!("axis {axis}, {targets}, {cycles}, {ways}, {readings}"));
     if test.order == Order::StandardCycle {
         found.note(
             "the file is sorted by target or direction: the order of the standard test cycle of ISO 230-2 is assumed, cycle by \

@@ -74,14 +74,12 @@ fn ballbar_figures(path: &Path) -> Result<Failure> {
 
 /// Joint angles of a robot are no axes of a machine tool.
 pub(super) fn robot(path: &Path, poses: &ReflectorPoses) -> Failure {
-    let sides: Vec<String> =
-        poses.sides.iter().map(|[mean, std]| format!("{mean:.3} ± {std:.3} mm")).collect();
+    let ReflectorPoses { count, sides } = poses;
+    let sides = sides.iter().map(|[mean, std]| format!("{mean:.3} ± {std:.3} mm")).joined(", ");
     data!(
         path,
-        "{} poses of three reflectors (sides {}: the noise of tracker and reflectors), with joint angles of a robot; \
+        "{count} poses of three reflectors (sides {sides}: the noise of tracker and reflectors), with joint angles of a robot; \
          its kinematic chain is none of a machine tool\n  hint: for a machine tool write x_mm, y_mm, z_mm and the deviations as a \
-         session file with instrument tracker",
-        poses.count,
-        sides.join(", ")
+         session file with instrument tracker"
     )
 }

@@ -44,15 +44,9 @@ pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_state
     let [x, y] = newest.plan.analysis.offset.map(|(v, _)| um_from_mm(v));
     let [cx, cy] = newest.plan.circles.centre;
     let assumed = if is_centre_stated { "" } else { " (assumed)" };
-    let [a, b] = plane.axes();
+    let ([a, b], radius) = (plane.axes(), newest.plan.circles.radius);
     let facts = [
-        (
-            "plane",
-            format!(
-                "{a}{b}, centre at {a} {cx} mm, {b} {cy} mm{assumed}, radius {} mm",
-                newest.plan.circles.radius
-            ),
-        ),
+        ("plane", format!("{a}{b}, centre at {a} {cx} mm, {b} {cy} mm{assumed}, radius {radius} mm")),
         ("feeds", if feeds.is_empty() { "not stated".to_owned() } else { feeds.join(", ") + " mm/min" }),
         ("readings", counted(newest.plan.circles.samples.len(), "reading")),
         ("centre of the instrument", format!("{}, {} µm removed", plain(x, 1), plain(y, 1))),
@@ -60,11 +54,8 @@ pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_state
     let standard = "Circular test, ISO 230-4:2022, with causes fitted to all readings";
     let mut page = page::start(title, standard, judged, &origins, &facts);
     if let Some(largest) = newest.plan.analysis.estimates.first() {
-        page.lead(format_args!(
-            "Largest cause: {}, {:.0} % of what the causes add to the circle.",
-            named(largest.effect, plane).0,
-            100.0 * largest.share
-        ));
+        let (name, share) = (named(largest.effect, plane).0, 100.0 * largest.share);
+        page.lead(format_args!("Largest cause: {name}, {share:.0} % of what the causes add to the circle."));
     }
     let at_feed =
         circles.first().and_then(|c| c.feed).map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
@@ -142,20 +133,15 @@ fn trend(page: &mut Page, trend: &Trend) {
     let points = |c: &super::trend::Course| -> Vec<(f64, f64)> {
         trend.at.iter().zip(&c.values).filter_map(|(t, v)| v.map(|(v, _)| (*t, v))).collect()
     };
-    let plots: Vec<_> = trend
-        .courses
-        .iter()
-        .take(1 + COURSES)
-        .map(|c| {
-            let (name, unit) = c.name.rsplit_once(", ").unwrap_or((&c.name, ""));
-            Plot::new(name, &trend.axis, unit)
-                .with(Style::Line, "", points(c))
-                .with(Style::Dots, "test", points(c))
-                // a scale from zero: noise of a constant is no trend
-                .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
-        })
-        .collect();
-    page.charts(&plots);
+    let plot = |c: &super::trend::Course| {
+        let (name, unit) = c.name.rsplit_once(", ").unwrap_or((&c.name, ""));
+        Plot::new(name, &trend.axis, unit)
+            .with(Style::Line, "", points(c))
+            .with(Style::Dots, "test", points(c))
+            // a scale from zero: noise of a constant is no trend
+            .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
+    };
+    page.charts(&trend.courses.iter().take(1 + COURSES).map(plot).collect::<Vec<_>>());
     trend.table().put(page);
     page.note(
         "Change: last test minus first one, with the expanded uncertainty of both fits. The instrument and how it was set up are \

@@ -33,11 +33,9 @@ impl Trend {
             (Some(_), Some(test)) => format!("days since {}", test.label),
             _ => "test".to_owned(),
         };
-        let at = tests
-            .iter()
-            .enumerate()
-            .map(|(k, t)| t.day.zip(first).map_or((k + 1) as f64, |(day, first)| (day - first) as f64))
-            .collect();
+        let place =
+            |k: usize, t: &Test| t.day.zip(first).map_or((k + 1) as f64, |(day, first)| (day - first) as f64);
+        let at = tests.iter().enumerate().map(|(k, t)| place(k, t)).collect();
         let mut courses = vec![Course {
             name: "circular error G(b), µm".to_owned(),
             values: tests.iter().map(|t| t.slowest().result.g_both.map(|g| (um_from_mm(g), None))).collect(),
@@ -53,23 +51,17 @@ impl Trend {
 
     /// The trend as JSON.
     pub(super) fn json(&self) -> Value {
-        let courses: Vec<Value> = self
-            .courses
-            .iter()
-            .map(|c| {
-                let values: Vec<Option<f64>> = c.values.iter().map(|v| v.map(|(v, _)| v)).collect();
-                let std: Vec<Option<f64>> = c.values.iter().map(|v| v.and_then(|(_, s)| s)).collect();
-                json!({
-                    "quantity": c.name,
-                    "values": values,
-                    "std": std,
-                    "change": c.change().map(|(v, _)| v),
-                    "change_u95": c.change().and_then(|(_, u)| u),
-                    "significant": c.significant(),
-                })
+        let course = |c: &Course| {
+            json!({
+                "quantity": c.name,
+                "values": c.values.iter().map(|v| v.map(|(v, _)| v)).collect::<Vec<_>>(),
+                "std": c.values.iter().map(|v| v.and_then(|(_, s)| s)).collect::<Vec<_>>(),
+                "change": c.change().map(|(v, _)| v),
+                "change_u95": c.change().and_then(|(_, u)| u),
+                "significant": c.significant(),
             })
-            .collect();
-        json!({ "tests": self.labels, "quantities": courses })
+        };
+        json!({ "tests": self.labels, "quantities": self.courses.iter().map(course).collect::<Value>() })
     }
 }
 
@@ -91,16 +83,13 @@ fn courses_of(tests: &[Test], effect: Effect) -> Vec<Course> {
     let all: Vec<Vec<Feature>> = tests.iter().map(of).collect();
     let names = once(all.iter().rev().flatten(), |a, b| a.name == b.name);
     let plane = tests.first().map(|t| t.plan.circles.plane);
-    names
-        .iter()
-        .map(|n| {
-            let end = n.end().map_or_else(String::new, |end| format!(" ({end})"));
-            let name = plane.map_or_else(|| n.name.clone(), |p| named(effect, p).0);
-            let find =
-                |fs: &Vec<Feature>| fs.iter().find(|f| f.name == n.name).map(|f| (f.value, Some(f.std)));
-            Course { name: format!("{name}{end}, {}", unit_of(n)), values: all.iter().map(find).collect() }
-        })
-        .collect()
+    let course = |n: &&Feature| {
+        let end = n.end().map_or_else(String::new, |end| format!(" ({end})"));
+        let name = plane.map_or_else(|| n.name.clone(), |p| named(effect, p).0);
+        let find = |fs: &Vec<Feature>| fs.iter().find(|f| f.name == n.name).map(|f| (f.value, Some(f.std)));
+        Course { name: format!("{name}{end}, {}", unit_of(n)), values: all.iter().map(find).collect() }
+    };
+    names.iter().map(course).collect()
 }
 
 impl Course {

@@ -29,11 +29,8 @@ pub(in crate::evaluate) fn scale<'a>(shown: impl IntoIterator<Item = &'a Shown<'
     let largest = um_from_mm(all.fold(0.0f64, |m, v| m.max(v.abs())));
     // the round number above half of the largest
     let half = (0.5 * largest).max(1e-6);
-    [1.0, 2.0, 2.5, 4.0, 5.0, 10.0]
-        .into_iter()
-        .map(|m| m * round_below(half))
-        .find(|d| *d >= half)
-        .unwrap_or(half)
+    let mut round = [1.0, 2.0, 2.5, 4.0, 5.0, 10.0].into_iter().map(|m| m * round_below(half));
+    round.find(|d| *d >= half).unwrap_or(half)
 }
 
 /// One test.

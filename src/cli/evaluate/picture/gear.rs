@@ -62,15 +62,8 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, step_um: f64) -> Drawn {
     let x = with_room(panel.traces.iter().flat_map(|t| t.1.iter().map(|r| r.0)), 0.08);
     let count = panel.traces.len() as f64;
     let title = format!("{}, teeth {step_um} µm apart", panel.name);
-    let axes = Axes {
-        title: &title,
-        x_label: panel.position,
-        y_label: "deviation / µm",
-        x,
-        y: [-step_um, count * step_um],
-        right: 16,
-        x_ticks: 7,
-    };
+    let (x_label, y) = (panel.position, [-step_um, count * step_um]);
+    let axes = Axes { title: &title, x_label, y_label: "deviation / µm", x, y, right: 16, x_ticks: 7 };
     let mut chart = axes.draw(area)?;
     for (k, (tooth, readings, [offset, slope])) in panel.traces.iter().enumerate() {
         let base = k as f64 * step_um;
@@ -80,14 +73,11 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, step_um: f64) -> Drawn {
         chart.draw_series(LineSeries::new(readings.iter().map(|r| at(r.0, r.1)), BLUE.stroke_width(1)))?;
         let ends = panel.evaluation.map(|p| at(p, offset + slope * p));
         chart.draw_series(LineSeries::new(ends, VERMILLION.stroke_width(1)))?;
-        chart.draw_series([Text::new(
-            tooth.to_string(),
-            (x[0], base),
-            (FONT, 13).into_font().color(&INK),
-        )])?;
+        let style = (FONT, 13).into_font().color(&INK);
+        chart.draw_series([Text::new(tooth.to_string(), (x[0], base), style)])?;
     }
     for end in panel.evaluation {
-        let line = [(end, -step_um), (end, count * step_um)];
+        let line = y.map(|y| (end, y));
         chart.draw_series(DashedLineSeries::new(line, 4, 4, INK.stroke_width(1)))?;
     }
     Ok(())

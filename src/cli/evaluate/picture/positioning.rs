@@ -73,15 +73,10 @@ pub(in crate::evaluate) fn draw_deviations<'a, 'b>(
     right: u32,
 ) -> Drawn<Chart<'a, 'b>> {
     let targets = &shown.result.targets;
-    let axes = Axes {
-        title: "",
-        x_label: &format!("target / {}", shown.target_unit),
-        y_label: &format!("deviation / {}", shown.unit),
-        x: with_room(targets.iter().map(|t| t.target), 0.03),
-        y,
-        right,
-        x_ticks: 9,
-    };
+    let (x_label, y_label) =
+        (format!("target / {}", shown.target_unit), format!("deviation / {}", shown.unit));
+    let x = with_room(targets.iter().map(|t| t.target), 0.03);
+    let axes = Axes { title: "", x_label: &x_label, y_label: &y_label, x, y, right, x_ticks: 9 };
     let mut chart = axes.draw(area)?;
     type Side = fn(&AtTarget) -> Option<Spread>;
     let sides: [(Side, RGBColor, Travel); 2] =
@@ -135,12 +130,8 @@ fn draw_places(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Dra
         let ((x, y_low), (_, y_high)) = (pixel(chart, t.target, low), pixel(chart, t.target, high));
         let x = x + side;
         bracket(area, x, y_low, y_high)?;
-        let label = format!(
-            "{name} {value:.2} {} at {} {}",
-            shown.unit,
-            (t.target * 1e3).round() / 1e3,
-            shown.target_unit
-        );
+        let (Shown { unit, target_unit, .. }, target) = (shown, (t.target * 1e3).round() / 1e3);
+        let label = format!("{name} {value:.2} {unit} at {target} {target_unit}");
         let (_, y_top) = pixel(chart, t.target, top);
         let y = y_top + 5 + 18 * row;
         let room = 7 * label.chars().count() as i32;

@@ -34,12 +34,14 @@ struct Filling {
     present: Vec<i16>,
 }
 
+type Writer = SerializedFileWriter<BufWriter<File>>;
+
 /// The file being written.
 pub(super) struct Table {
     path: PathBuf,
     file: Option<File>,
     about: Vec<KeyValue>,
-    writer: Option<SerializedFileWriter<BufWriter<File>>>,
+    writer: Option<Writer>,
     columns: Vec<Filling>,
     rows: usize,
 }
@@ -61,7 +63,7 @@ impl Table {
     /// Writes the last rows and what a reader finds them by.
     pub(super) fn finish(mut self) -> Result<()> {
         self.group()?;
-        let closed = self.writer.take().map(SerializedFileWriter::close).transpose();
+        let closed = self.writer.take().map(Writer::close).transpose();
         closed.map(drop).map_err(|e| failure(&self.path, &e))
     }
 
@@ -82,40 +84,32 @@ impl Sink for Table {
             .set_key_value_metadata(Some(std::mem::take(&mut self.about)))
             .build();
         let writer = schema(columns)
-            .and_then(|s| SerializedFileWriter::new(BufWriter::new(file), Arc::new(s), Arc::new(properties)));
+            .and_then(|s| Writer::new(BufWriter::new(file), Arc::new(s), Arc::new(properties)));
         self.writer = Some(writer.map_err(|e| failure(&self.path, &e))?);
-        self.columns = columns
-            .iter()
-            .map(|column| {
-                let values = match column.kind {
-                    Kind::Number => Values::Number(Vec::new()),
-                    Kind::Whole => Values::Whole(Vec::new()),
-                    Kind::Text => Values::Text(Vec::new()),
-                };
-                Filling { values, present: Vec::new() }
-            })
-            .collect();
+        let filling = |column: &Column| {
+            let values = match column.kind {
+                Kind::Number => Values::Number(Vec::new()),
+                Kind::Whole => Values::Whole(Vec::new()),
+                Kind::Text => Values::Text(Vec::new()),
+            };
+            Filling { values, present: Vec::new() }
+        };
+        self.columns = columns.iter().map(filling).collect();
         Ok(())
     }
 
     fn row(&mut self, cells: &[Cell]) -> Result<()> {
         for (column, cell) in self.columns.iter_mut().zip(cells) {
-            let present = match (&mut column.values, cell) {
-                (Values::Number(values), Cell::Number(v)) => {
-                    values.push(*v);
-                    1
+            match (&mut column.values, cell) {
+                (Values::Number(values), Cell::Number(v)) => values.push(*v),
+                (Values::Whole(values), Cell::Whole(v)) => values.push(*v),
+                (Values::Text(values), Cell::Text(v)) => values.push(ByteArray::from(*v)),
+                _ => {
+                    column.present.push(0);
+                    continue;
                 }
-                (Values::Whole(values), Cell::Whole(v)) => {
-                    values.push(*v);
-                    1
-                }
-                (Values::Text(values), Cell::Text(v)) => {
-                    values.push(ByteArray::from(*v));
-                    1
-                }
-                _ => 0,
-            };
-            column.present.push(present);
+            }
+            column.present.push(1);
         }
         self.rows += 1;
         if self.rows >= GROUP { self.group() } else { Ok(()) }
@@ -139,10 +133,7 @@ fn schema(columns: &[Column]) -> Result<Type, ParquetError> {
     Type::group_type_builder("recording").with_fields(fields).build()
 }
 
-fn write_group(
-    writer: &mut SerializedFileWriter<BufWriter<File>>,
-    columns: &mut [Filling],
-) -> Result<(), ParquetError> {
+fn write_group(writer: &mut Writer, columns: &mut [Filling]) -> Result<(), ParquetError> {
     let mut group = writer.next_row_group()?;
     for Filling { values, present } in columns {
         let Some(mut column) = group.next_column()? else { break };

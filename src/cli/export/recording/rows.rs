@@ -173,14 +173,13 @@ impl Rows {
     fn control(&mut self, hello: &ControlHello, record: u64) -> Result<(), String> {
         let names: Vec<AxisName> = hello.used_axes().iter().map(|axis| axis.name).collect();
         if self.axes.is_empty() {
+            let configured = self.config.iter().flat_map(|c| &c.axes);
             let deadband = |name: AxisName| {
-                let inside = self.config.as_ref()?.axes.iter().find(|a| a.name == name)?.reversal_deadband;
-                Some(name.kind().position_out(inside))
+                let axis = configured.clone().find(|a| a.name == name);
+                axis.map_or(0.0, |a| name.kind().position_out(a.reversal_deadband))
             };
-            self.axes = names
-                .iter()
-                .map(|name| Axis { name: *name, deadband: deadband(*name).unwrap_or(0.0), motion: None })
-                .collect();
+            let axis = |name: &AxisName| Axis { name: *name, deadband: deadband(*name), motion: None };
+            self.axes = names.iter().map(axis).collect();
             self.columns = self.names();
         } else if !self.axes.iter().map(|a| a.name).eq(names) {
             return Err(format!(

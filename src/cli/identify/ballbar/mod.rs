@@ -305,14 +305,12 @@ fn with_direction(path: &Path, lines: &[u64], samples: &[Sample]) -> Result<()> 
                 Travel::Forward => (1, "decreases"),
                 Travel::Reverse => (-1, "increases"),
             };
+            let (path, line, [by, limit]) =
+                (path.display(), lines[first], [-angle, AGAINST].map(deg_from_rad));
             return Err(failure!(
                 EX_DATAERR,
-                "{}:{}: angle_deg {way} by {:.0} deg over the run that begins here, against its direction {direction} (limit {:.0} deg); \
-                 exchange 1 and -1 in column direction, or put the rows in the order they were taken",
-                path.display(),
-                lines[first],
-                deg_from_rad(-angle),
-                deg_from_rad(AGAINST)
+                "{path}:{line}: angle_deg {way} by {by:.0} deg over the run that begins here, against its direction {direction} (limit \
+                 {limit:.0} deg); exchange 1 and -1 in column direction, or put the rows in the order they were taken"
             ));
         }
     }

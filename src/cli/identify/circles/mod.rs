@@ -191,7 +191,7 @@ fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>
 
 fn json_of(found: &ToolAxis, stated: bool) -> Value {
     let [one, two] = &found.circles;
-    let mut json = json!({
+    let mut json = fields!(found; sigma, registration_share;
         "centre_1": one.centre.as_slice(),
         "radius_1": one.radius,
         "normal_1": one.normal.as_slice(),
@@ -203,28 +203,20 @@ fn json_of(found: &ToolAxis, stated: bool) -> Value {
         "direction_error_rotvec": found.direction_error.as_slice(),
         "rms_radial": [one.rms_radial, two.rms_radial],
         "rms_axial": [one.rms_axial, two.rms_axial],
-        "sigma": found.sigma,
         "sigma_stated": stated,
         "sigma_direction": found.direction_std(),
         "sigma_tip_lateral": found.tip_lateral_std(),
-        "registration_share": found.registration_share,
         "arc": [one.arc, two.arc],
-        "coaxial": found.coaxial.as_ref().map(|c| json!({
+        "coaxial": found.coaxial.as_ref().map(|c| fields!(c; radii, p_value;
             "axis_direction": c.direction.as_slice(),
             "tip": c.tip.as_slice(),
-            "radii": c.radii,
             "sigma_direction": c.direction_std,
             "sigma_tip_lateral": c.tip_lateral_std,
             "sigma_residual": c.sigma,
-            "p_value": c.p_value,
-        })),
-    });
+        )),
+    );
     if let Some(p) = found.predicted.filter(|_| found.sigma > 0.0) {
-        json["sigma_predicted"] = json!({
-            "centre_inplane": p.centre_in_plane,
-            "direction": p.direction,
-            "tip_lateral": p.tip_lateral,
-        });
+        json["sigma_predicted"] = fields!(p; direction, tip_lateral; "centre_inplane": p.centre_in_plane);
     }
     json
 }
@@ -233,11 +225,9 @@ fn print(found: &ToolAxis, stated: bool) {
     for (k, c) in found.circles.iter().enumerate() {
         let ([x, y, z], arc): ([f64; 3], _) = (c.centre.into(), c.arc.to_degrees());
         let [radial, axial] = [c.rms_radial, c.rms_axial].map(um_from_mm);
+        let (number, radius, points) = (k + 1, c.radius, c.points);
         say_text!(
-            "circle {}: centre ({x:.4} {y:.4} {z:.4}) mm, radius {:.4} mm, {} points over {arc:.0} deg, rms {radial:.2} um radial, {axial:.2} um axial",
-            k + 1,
-            c.radius,
-            c.points
+            "circle {number}: centre ({x:.4} {y:.4} {z:.4}) mm, radius {radius:.4} mm, {points} points over {arc:.0} deg, rms {radial:.2} um radial, {axial:.2} um axial"
         );
     }
     let (d, t, e) = (found.direction, found.tip, found.direction_error.map(arcsec_from_rad));

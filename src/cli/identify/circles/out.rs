@@ -61,9 +61,7 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         model.put(symbol, function, sources.provenance());
     }
     let mut comment = sources.heading("identify circles");
-    comment.push(format!(
-        "tip along the axis off by {:.2} um: tool length, not part of the model",
-        um_from_mm((found.tip - nominal_tip).dot(&found.direction))
-    ));
+    let off = um_from_mm((found.tip - nominal_tip).dot(&found.direction));
+    comment.push(format!("tip along the axis off by {off:.2} um: tool length, not part of the model"));
     args.model.write(&model, &comment, files)
 }

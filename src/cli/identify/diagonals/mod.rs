@@ -286,17 +286,13 @@ impl Found for Outcome<'_> {
         else {
             return;
         };
-        let (path, um, (diagonal, target, residual)) = (self.path.display(), um_from_mm, steps.worst);
+        let (path, count, (diagonal, target, residual)) = (self.path.display(), steps.count, steps.worst);
+        let [rms, expected, residual] = [steps.rms, test.expected_rms, residual].map(um_from_mm);
+        let (p, diagonal) = (small(test.p_value), NAMES[diagonal]);
         note!(
-            "warning: {path}: {} steps between the ends lie {:.2} um rms off the model, {:.2} um expected (p {}), farthest {} at \
-             {target:.3} mm: {:+.2} um; two diagonals may be exchanged, a sign, --low-mm or --box-mm be wrong, or positioning have \
-             changed since the model was measured",
-            steps.count,
-            um(steps.rms),
-            um(test.expected_rms),
-            small(test.p_value),
-            NAMES[diagonal],
-            um(residual)
+            "warning: {path}: {count} steps between the ends lie {rms:.2} um rms off the model, {expected:.2} um expected (p {p}), \
+             farthest {diagonal} at {target:.3} mm: {residual:+.2} um; two diagonals may be exchanged, a sign, --low-mm or --box-mm \
+             be wrong, or positioning have changed since the model was measured"
         );
         note!("note: the uncertainties given are enlarged by {:.1}", steps.enlarged());
     }

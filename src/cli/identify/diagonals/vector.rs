@@ -12,9 +12,12 @@ struct Case {
     cuboid: [f64; 3],
     #[serde(default)]
     tool_tip: [f64; 3],
-    axis_errors_at_box_ends: Option<BTreeMap<String, Ends>>,
+    axis_errors_at_box_ends: Option<Errors>,
     displacement: Displacement,
 }
+
+/// By axis.
+type Errors = BTreeMap<String, Ends>;
 
 #[derive(Deserialize)]
 struct Ends {
@@ -99,11 +102,7 @@ fn squareness_object(values: [f64; 3]) -> Value {
 }
 
 /// The errors at the ends of the box as a model, and which kinds of error it has.
-fn case_model(
-    chain: &Chain,
-    cuboid: [f64; 3],
-    errors: &BTreeMap<String, Ends>,
-) -> Result<(ModelSpec, Holds), String> {
+fn case_model(chain: &Chain, cuboid: [f64; 3], errors: &Errors) -> Result<(ModelSpec, Holds), String> {
     let mut spec = ModelSpec::new("case", chain.clone());
     let mut holds = Holds::default();
     if let Some(missing) = ["X", "Y", "Z"].into_iter().find(|name| !errors.contains_key(*name)) {

@@ -64,10 +64,8 @@ impl DriftCheck {
 
     pub(super) fn print(&self) {
         say!();
-        say!(
-            "standard deviation over {} runs, largest / mean over the positions (paper 002, table of 3.1)",
-            self.runs
-        );
+        let what = "largest / mean over the positions (paper 002, table of 3.1)";
+        say!("standard deviation over {} runs, {what}", self.runs);
         say!("{:<14}{:>22}{:>22}{:>22}", "", "drift compensated", "not compensated", "half of d theta");
         for Row { error, unit, on, off, printed_factor } in &self.std {
             let unit = if *unit == "um" { "µm" } else { unit };

@@ -227,12 +227,11 @@ impl<'a> Outcome<'a> {
             }
             _ => true,
         };
-        let far = run.readings.iter().map(|r| r.distance).fold(0.0, f64::max);
         let files = [path.to_owned()].iter().chain(&args.calibration).chain(&args.resting).cloned().collect();
         Ok(Self {
             args,
             axis,
-            measured: measured(axis, &run, &aligned, head, far, with_roll),
+            measured: measured(axis, &run, &aligned, head, with_roll),
             aligned,
             drift: reduced.iter().flat_map(|r| r.pointing).flatten().fold(0.0f64, |m, v| m.max(v.abs())),
             stretch: Stretch::of(&positions, &reduced, head, &run.readings),
@@ -292,28 +291,16 @@ impl Found for Outcome<'_> {
 }
 
 /// The aligned errors in machine directions, one list of readings per error.
-fn measured(
-    axis: AxisName,
-    run: &Run,
-    aligned: &Aligned,
-    head: &Head,
-    far: f64,
-    with_roll: bool,
-) -> Vec<Measured> {
-    let covariance = head.covariance(far);
+fn measured(axis: AxisName, run: &Run, aligned: &Aligned, head: &Head, with_roll: bool) -> Vec<Measured> {
+    let covariance = head.covariance(run.readings.iter().map(|r| r.distance).fold(0.0, f64::max));
     let std = to_machine(axis, std::array::from_fn(|i| covariance[(i, i)].sqrt()));
-    Component::ALL
-        .into_iter()
-        .filter(|c| c.index() != axis.direction() && (with_roll || c.index() != axis.direction() + 3))
-        .map(|component| Measured {
-            component,
-            readings: run
-                .rows
-                .iter()
-                .zip(&aligned.motion)
-                .map(|(r, m)| Reading { value: to_machine(axis, *m)[component.index()], ..*r })
-                .collect(),
-            std: Some(std[component.index()]).filter(|s| *s > 0.0),
-        })
-        .collect()
+    let (along, roll) = (axis.direction(), axis.direction() + 3);
+    let of = |component: Component| {
+        let i = component.index();
+        let rows = run.rows.iter().zip(&aligned.motion);
+        let readings = rows.map(|(r, m)| Reading { value: to_machine(axis, *m)[i], ..*r }).collect();
+        Measured { component, readings, std: Some(std[i]).filter(|s| *s > 0.0) }
+    };
+    let is_measured = |c: &Component| c.index() != along && (with_roll || c.index() != roll);
+    Component::ALL.into_iter().filter(is_measured).map(of).collect()
 }

@@ -55,35 +55,24 @@ struct Case {
 impl Case {
     /// `dy2` is the displacement along y on the second line.
     fn readings(&self) -> Result<Vec<LineReading>, String> {
-        let sigma = self.sigma.unwrap_or(1.0);
-        self.readings
-            .iter()
-            .map(|(name, value)| {
-                let unknown = || {
-                    format!(
-                        "reading {name}: write dx1, dy1, dz1 for the first of {} lines",
-                        self.lines_yz.len()
-                    )
-                };
-                let rest = name.strip_prefix('d').ok_or_else(unknown)?;
-                let direction =
-                    ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;
-                let line: usize = rest[1..].parse().map_err(|_| unknown())?;
-                let [y, z] = line.checked_sub(1).and_then(|i| self.lines_yz.get(i)).ok_or_else(unknown)?;
-                Ok(LineReading { target: Vec3::new(self.x_target, *y, *z), direction, value: *value, sigma })
-            })
-            .collect()
+        let (sigma, count) = (self.sigma.unwrap_or(1.0), self.lines_yz.len());
+        let reading = |(name, value): (&String, &f64)| {
+            let unknown = || format!("reading {name}: write dx1, dy1, dz1 for the first of {count} lines");
+            let rest = name.strip_prefix('d').ok_or_else(unknown)?;
+            let direction = ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;
+            let line: usize = rest[1..].parse().map_err(|_| unknown())?;
+            let [y, z] = line.checked_sub(1).and_then(|i| self.lines_yz.get(i)).ok_or_else(unknown)?;
+            Ok(LineReading { target: Vec3::new(self.x_target, *y, *z), direction, value: *value, sigma })
+        };
+        self.readings.iter().map(reading).collect()
     }
 }
 
 fn json_of(found: &NineLine, stated: bool) -> Value {
     // without a stated noise this is the covariance for readings of unit variance
     let covariance = if stated { "cov" } else { "cofactor" };
-    let mut json = fields!(found; condition_scaled, dof, chi2);
-    json["E"] = json!(found.motion.as_slice());
-    json["rank"] = json!(6);
-    json[covariance] = json!(rows(|at| found.covariance[at]));
-    json
+    let matrix = rows(|at| found.covariance[at]);
+    fields!(found; condition_scaled, dof, chi2; "E": found.motion.as_slice(), "rank": 6, covariance: matrix)
 }
 
 fn print(found: &NineLine) {
@@ -144,18 +133,21 @@ impl Method for Args {
         let gauged = self.curves.gauge(rows, &origin)?;
         let compared = self.compare.as_ref().map(|path| compare::with(path, axis, &gauged)).transpose()?;
         misfit.compared = compared.map(|compared| (compared, axis));
-        Ok(self.curves.motions(gauged, origin, base, misfit))
+        Ok(Some(Box::new(Motions { args: &self.curves, gauged, origin, base, report: Box::new(misfit) })))
     }
 }
 
+/// What was read at one stop.
+type Stop = (Reading, Vec<LineReading>);
+
 /// Every stop on its own, at the reference point, times `sign`.
 fn solve_stops(
-    stops: &[(Reading, Vec<LineReading>)],
+    stops: &[Stop],
     reference: &Vec3,
     sign: f64,
     files: &[PathBuf],
 ) -> Result<(Vec<MotionRow>, Vec<NineLine>)> {
-    let one = |(at, readings): &(Reading, Vec<LineReading>)| {
+    let one = |(at, readings): &Stop| {
         let &Reading { position, cycle, travel, .. } = at;
         let found = solve(readings)
             .map_err(|e| data_error(files, format_args!("position {position} mm, cycle {cycle}: {e}")))?;
@@ -165,10 +157,10 @@ fn solve_stops(
     stops.iter().map(one).collect::<Result<Vec<_>, _>>().map(|all| all.into_iter().unzip())
 }
 
-fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>> {
+fn read_lines(path: &Path) -> Result<Vec<Named>> {
     let mut table = columns::open(path)?;
     let (name, at) = (table.require("line")?, table.three(["x_mm", "y_mm", "z_mm"])?);
-    let mut lines: Vec<(String, Vec3)> = Vec::new();
+    let mut lines: Vec<Named> = Vec::new();
     table.rows(|row| {
         let word = row.word(name);
         if word.is_empty() || lines.iter().any(|(n, _)| *n == word) {
@@ -182,7 +174,7 @@ fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>> {
 
 fn read_readings(
     path: &Path,
-    lines: &[(String, Vec3)],
+    lines: &[Named],
     sigmas: &[f64; 3],
     stops: &mut Stops<LineReading>,
 ) -> Result<()> {
@@ -221,11 +213,7 @@ struct Misfit {
 }
 
 /// The reading with the largest residual in units of its noise.
-fn worst(
-    stops: &[(Reading, Vec<LineReading>)],
-    solved: &[NineLine],
-    lines: &[(String, Vec3)],
-) -> Option<(String, f64)> {
+fn worst(stops: &[Stop], solved: &[NineLine], lines: &[Named]) -> Option<(String, f64)> {
     let all = stops.iter().zip(solved).flat_map(|((at, readings), found)| {
         readings.iter().zip(&found.residuals).map(move |(reading, residual)| (at, reading, *residual))
     });

@@ -102,16 +102,11 @@ impl Method for Args {
             a_axis: Vec3::from(case.head.A_axis_from_Z_reference),
             tool_length: case.head.tool_length,
         };
-        let poses: Vec<HeadPose> = case
-            .poses
-            .iter()
-            .map(|p| HeadPose {
-                c: p.C,
-                a: p.A,
-                tip_error: Vec3::from(p.tip_position_error),
-                direction_error: Vec3::from(p.tool_direction_error),
-            })
-            .collect();
+        let pose = |p: &CasePose| {
+            let (tip_error, direction_error) = (p.tip_position_error.into(), p.tool_direction_error.into());
+            HeadPose { c: p.C, a: p.A, tip_error, direction_error }
+        };
+        let poses: Vec<HeadPose> = case.poses.iter().map(pose).collect();
         let noise = RamNoise { position: case.sigma_position, direction: case.sigma_direction };
         let prior = case
             .prior
@@ -161,7 +156,8 @@ impl Method for Args {
         let files = data.iter().chain(&self.head).chain(&self.prior).cloned().collect();
         let origin = Origin { axis, reference: self.reference_mm, method: "ram", files };
         let gauged = self.curves.gauge(rows, &origin)?;
-        Ok(self.curves.motions(gauged, origin, base, Fits(fits)))
+        let report = Box::new(Fits(fits));
+        Ok(Some(Box::new(Motions { args: &self.curves, gauged, origin, base, report })))
     }
 }
 
@@ -271,11 +267,8 @@ fn take_off_head(path: &Path, head: &Head, stops: &mut Stops<HeadPose>) -> Resul
 }
 
 fn json_of(fit: &RamFit) -> Value {
-    let mut json = fields!(fit; rank, chi2, dof, p_value);
-    json["E_lsq"] = json!(fit.motion.as_slice());
-    json["sigma"] = json!(Component::ALL.map(|c| std(fit, c)));
-    json["cov"] = json!(rows(|at| fit.covariance[at]));
-    json
+    let (sigma, covariance) = (Component::ALL.map(|c| std(fit, c)), rows(|at| fit.covariance[at]));
+    fields!(fit; rank, chi2, dof, p_value; "E_lsq": fit.motion.as_slice(), "sigma": sigma, "cov": covariance)
 }
 
 fn std(fit: &RamFit, component: Component) -> f64 {

@@ -2,7 +2,6 @@
 //! measures the error motions of one axis along a run.
 
 use crate::fit::basis::{Auto, BASES};
-use crate::fit::report::Fitted;
 use crate::identify::prelude::*;
 use volcomp_identify::curve::{Basis, CurveFit};
 use volcomp_identify::straightness::Rule;
@@ -103,7 +102,7 @@ impl AxisWriter {
         }
         let primed = model.spec.is_workpiece_side(axis);
         let symbols: Vec<ErrorSymbol> = measured.iter().map(|m| m.symbol(axis)).collect();
-        let (measured_sense, stored) = self.senses(&model.spec, axis, primed, &symbols)?;
+        let (measured_sense, stored) = self.senses(&model.spec, axis, &symbols)?;
         let mut fits = CurveFits::new(model, &origin.files);
         for (m, symbol) in measured.iter().zip(symbols) {
             let mut readings = gauged(m.readings.clone(), m.component, axis, self.rule);
@@ -129,27 +128,19 @@ impl AxisWriter {
             let from = Provenance { instrument: origin.instrument.clone(), ..own };
             fits.add(symbol, readings, self.basis.or(both), std, from)?;
         }
-        self.place(&mut fits.model.spec, axis, &fits.fitted, moved, stored);
+        self.place(&mut fits, axis, moved, stored);
         let mut comment = fits.sources.heading(&format!("identify {}", origin.method));
-        comment.push(format!(
-            "axis {axis}: measured in the {} sense, straightness about the {} line",
-            measured_sense.name(),
-            self.rule.name().replace('_', "-")
-        ));
+        let (sense, rule) = (measured_sense.name(), self.rule.name().replace('_', "-"));
+        comment
+            .push(format!("axis {axis}: measured in the {sense} sense, straightness about the {rule} line"));
         fits.write(&self.model, &comment)
     }
 
     /// Measured and stored sense; for a tool-side axis they are the same thing.
-    fn senses(
-        &self,
-        spec: &ModelSpec,
-        axis: AxisName,
-        primed: bool,
-        replaced: &[ErrorSymbol],
-    ) -> Result<(Sense, Sense)> {
+    fn senses(&self, spec: &ModelSpec, axis: AxisName, replaced: &[ErrorSymbol]) -> Result<(Sense, Sense)> {
         let measured = match self.sense {
             Some(sense) => sense,
-            None if !primed => Sense::Relative,
+            None if !spec.is_workpiece_side(axis) => Sense::Relative,
             None => {
                 return Err(usage!(
                     "axis {axis} carries the workpiece, so its readings have opposite signs in the two senses; say --sense carriage (optics on the carriage, instrument on the bed side) or --sense relative (tool side against workpiece side)"
@@ -171,25 +162,17 @@ impl AxisWriter {
     }
 
     /// Sense and reference points of the axis.
-    fn place(
-        &self,
-        spec: &mut ModelSpec,
-        axis: AxisName,
-        fitted: &[Fitted],
-        moved: Option<Vec3>,
-        stored: Sense,
-    ) {
+    fn place(&self, fits: &mut CurveFits<'_>, axis: AxisName, moved: Option<Vec3>, stored: Sense) {
         let points = self.points(axis).map(|p| moved.or(p));
         let body = if moved.is_none() { self.body } else { ReferenceBody::Carriage };
-        let entry = spec.axis_mut(axis);
+        let entry = fits.model.spec.axis_mut(axis);
         entry.sense = stored;
-        for f in fitted.iter().filter(|f| !f.symbol.is_angle()) {
-            let i = f.symbol.component().index();
+        for symbol in fits.fitted.iter().map(|f| f.symbol).filter(|symbol| !symbol.is_angle()) {
+            let i = symbol.component().index();
             match points[i] {
                 Some(point) => entry.reference_points[i] = ReferencePoint { point, body },
                 None => note!(
-                    "note: {}: no --point-mm: the reference point stays at {:?} mm; 100 mm beside it cost 5 um for every 10 arcsec",
-                    f.symbol,
+                    "note: {symbol}: no --point-mm: the reference point stays at {:?} mm; 100 mm beside it cost 5 um for every 10 arcsec",
                     entry.reference_points[i].point.as_slice()
                 ),
             }

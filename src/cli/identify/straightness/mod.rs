@@ -54,13 +54,8 @@ impl Method for Args {
         let mut lines = Line::of_all_rules(&case.x, &case.y).map_err(|e| file.bad(e))?;
         let mut json = json!({});
         for (rule, line) in &lines {
-            json[rule.name()] = json!({
-                "slope": line.slope,
-                "intercept": line.intercept,
-                "straightness": line.straightness,
-                "slope_std_per_unit": line.slope_std,
-                "deviation": line.deviations(&case.x, &case.y),
-            });
+            json[rule.name()] = fields!(line; slope, intercept, straightness;
+                "slope_std_per_unit": line.slope_std, "deviation": line.deviations(&case.x, &case.y));
         }
         // in the order of their names
         lines.sort_by_key(|(rule, _)| rule.name());
@@ -230,6 +225,9 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
     Ok(set_up.table)
 }
 
+/// Place and direction, and the motion in machine directions.
+type Row = (Reading, [Option<f64>; 6]);
+
 /// Where the readings of a run stand in its table.
 struct Readings {
     run: RunColumns,
@@ -275,7 +273,7 @@ impl Readings {
     }
 
     /// The current row: place and direction, and the motion in machine directions.
-    fn read(&self, row: &Columns) -> Result<(Reading, [Option<f64>; 6])> {
+    fn read(&self, row: &Columns) -> Result<Row> {
         let mut motion = [None; 6];
         match &self.signs {
             Some(t) => motion = t.apply(&self.channels.read(row)?),
@@ -298,9 +296,7 @@ fn read_run(path: &Path, axis: AxisName, args: &Args, signs: Option<&SignFile>) 
         move_to_base(args, axis, base, &mut rows)?;
     }
     let of = |component: Component| -> Option<Measured> {
-        let one = |(r, motion): &(Reading, [Option<f64>; 6])| {
-            Some(Reading { value: motion[component.index()]?, ..*r })
-        };
+        let one = |(r, motion): &Row| Some(Reading { value: motion[component.index()]?, ..*r });
         let readings: Option<Vec<Reading>> = rows.iter().map(one).collect();
         readings.map(|readings| Measured { component, readings, std: None })
     };
@@ -308,12 +304,7 @@ fn read_run(path: &Path, axis: AxisName, args: &Args, signs: Option<&SignFile>) 
 }
 
 /// Moves the linear components to the base point, lever by lever (equations 1.5).
-fn move_to_base(
-    args: &Args,
-    axis: AxisName,
-    base: Vec3,
-    rows: &mut [(Reading, [Option<f64>; 6])],
-) -> Result<()> {
+fn move_to_base(args: &Args, axis: AxisName, base: Vec3, rows: &mut [Row]) -> Result<()> {
     let points = args.out.points(axis);
     for (_, motion) in rows {
         let mut full = [0.0; 6];
@@ -324,10 +315,8 @@ fn move_to_base(
                 ));
             }
             if i >= 3 && value.is_none() {
-                return Err(usage!(
-                    "--base-point-mm needs all three angles, {} was not measured",
-                    ErrorSymbol::Motion { component: Component::ALL[i], axis }
-                ));
+                let symbol = ErrorSymbol::Motion { component: Component::ALL[i], axis };
+                return Err(usage!("--base-point-mm needs all three angles, {symbol} was not measured"));
             }
             *slot = value.unwrap_or(0.0);
         }

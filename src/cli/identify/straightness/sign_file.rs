@@ -71,13 +71,10 @@ impl SignFile {
             for ((slot, word), channel) in channels.iter_mut().zip(words).zip(Channel::ALL) {
                 let Some(word) = word else { continue };
                 let shape = if channel.is_angle() { "\"+a\", \"-b\"" } else { "\"+x\", \"-y\"" };
-                *slot = Some(Assignment::parse(word).ok_or_else(|| {
-                    mistake!(
-                        path,
-                        "[{section}] {} = \"{word}\": write a sign and a direction, such as {shape}",
-                        channel.name()
-                    )
-                })?);
+                let what =
+                    format!("{} = \"{word}\": write a sign and a direction, such as {shape}", channel.name());
+                let assignment = Assignment::parse(word);
+                *slot = Some(assignment.ok_or_else(|| mistake!(path, "[{section}] {what}"))?);
             }
             let table = SignTable { channels };
             table.check(axis).map_err(|e| mistake!(path, "[{section}] {e}"))?;
@@ -95,12 +92,11 @@ impl SignFile {
                 let Some(parity) = s.table.parity()[i] else { continue };
                 match known {
                     Some((axis, p)) if p != parity => {
+                        let ([a, b], name) =
+                            ([axis, s.axis].map(AxisName::lower), Channel::ALL[i + 3].name());
                         return Err(mistake!(
                             path,
-                            "[{}] and [{}] disagree on {}: it is right-handed in one and left-handed in the other, which no turning of an instrument does; one sign of the two is wrong, a tilt test tells which",
-                            axis.lower(),
-                            s.axis.lower(),
-                            Channel::ALL[i + 3].name()
+                            "[{a}] and [{b}] disagree on {name}: it is right-handed in one and left-handed in the other, which no turning of an instrument does; one sign of the two is wrong, a tilt test tells which"
                         ));
                     }
                     _ => known = Some((s.axis, parity)),

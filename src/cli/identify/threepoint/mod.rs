@@ -81,29 +81,24 @@ impl Case {
                     angle: self.sigma_angle.unwrap_or(1.0),
                 };
                 let station = Vec3::from(self.tracker_origin.ok_or("tracker_origin is missing")?);
-                observations
-                    .iter()
-                    .map(|[range, azimuth, elevation]| {
-                        let o = Observation { range: *range, azimuth: *azimuth, elevation: *elevation };
-                        (station + o.point(), o.covariance(&noise))
-                    })
-                    .collect()
+                let seen = |[range, azimuth, elevation]: &[f64; 3]| {
+                    let o = Observation { range: *range, azimuth: *azimuth, elevation: *elevation };
+                    (station + o.point(), o.covariance(&noise))
+                };
+                observations.iter().map(seen).collect()
             }
             _ => return Err("give either points_measured or observations_range_az_el".to_owned()),
         };
-        if measured.len() != self.points_platform.len() {
+        let [seen, known] = [measured.len(), self.points_platform.len()];
+        if seen != known {
             return Err(format!(
-                "{} measured points for {} platform points; every point needs both",
-                measured.len(),
-                self.points_platform.len()
+                "{seen} measured points for {known} platform points; every point needs both"
             ));
         }
-        Ok(self
-            .points_platform
-            .iter()
-            .zip(measured)
-            .map(|(p, (measured, covariance))| Seen { platform: Vec3::from(*p), measured, covariance })
-            .collect())
+        let pairs = self.points_platform.iter().zip(measured);
+        let seen =
+            pairs.map(|(p, (measured, covariance))| Seen { platform: (*p).into(), measured, covariance });
+        Ok(seen.collect())
     }
 }
 
@@ -167,8 +162,8 @@ impl Method for Args {
         let origin = Origin { axis, reference: self.origin_mm + reference, method: "threepoint", files };
         let gauged = self.curves.gauge(fit.rows.clone(), &origin)?;
         let names = named.into_iter().map(|p| p.0).collect();
-        let report = report::Threepoint { names, fit, frame, workpiece_side };
-        Ok(self.curves.motions(gauged, origin, base, report))
+        let report = Box::new(report::Threepoint { names, fit, frame, workpiece_side });
+        Ok(Some(Box::new(Motions { args: &self.curves, gauged, origin, base, report })))
     }
 }
 
@@ -214,9 +209,8 @@ fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>> {
 
 fn of_geometry(g: &Geometry) -> Value {
     // infinite numbers become null
-    let mut json = fields!(g; rank, rms_radius, condition_scaled, condition_centroid, roll_growth);
-    json["singular_values_scaled"] = json!(g.singular_values);
-    json
+    fields!(g; rank, rms_radius, condition_scaled, condition_centroid, roll_growth;
+        "singular_values_scaled": g.singular_values)
 }
 
 fn json_of(pose: &PoseErrors) -> Value {
@@ -244,13 +238,12 @@ fn print(pose: &PoseErrors) {
         let [linear, std, rigid] = [pose.motion[i], std(pose, c), pose.rigid[i]].map(units.of_value);
         say!("E{:<5}{linear:>14.4}{std:>12.4}{rigid:>14.4}  {}", c.letter(), units.value);
     }
-    let (PoseErrors { chi2, dof, p_value, .. }, g) = (pose, &pose.geometry);
+    let PoseErrors { chi2, dof, p_value, geometry, .. } = pose;
+    let Geometry { condition_scaled, condition_centroid, .. } = geometry;
     say!(
-        "rigidity: chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}; condition {:.1} at the platform origin, {:.1} at the centroid",
-        g.condition_scaled,
-        g.condition_centroid
+        "rigidity: chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}; condition {condition_scaled:.1} at the platform origin, {condition_centroid:.1} at the centroid"
     );
-    if let Some(warning) = g.warning() {
+    if let Some(warning) = geometry.warning() {
         note!("warning: {warning}");
     }
 }

@@ -41,10 +41,8 @@ fn range(text: &str) -> Result<[f64; 2], String> {
 }
 
 fn confidence(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|p| (50.0..=99.9999).contains(p))
-        .ok_or_else(|| format!("invalid confidence '{text}'; expected 50 to 99.9999"))
+    let percent = text.parse().ok().filter(|p| (50.0..=99.9999).contains(p));
+    percent.ok_or_else(|| format!("invalid confidence '{text}'; expected 50 to 99.9999"))
 }
 
 pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>> {
@@ -54,10 +52,9 @@ pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>> {
     else {
         return Err(usage!("--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec"));
     };
-    let noise = args
-        .tracker
-        .stated_noise()
-        .ok_or_else(|| usage!("--plan needs --sigma-range-um and --sigma-angle-arcsec"))?;
+    let Some(noise) = args.tracker.stated_noise() else {
+        return Err(usage!("--plan needs --sigma-range-um and --sigma-angle-arcsec"));
+    };
     let base = args.curves.model.base(|| default_chain([axis]))?;
     let named = read::points(points)?;
     let step = (high - low) / f64::from(p.stops - 1);

@@ -7,10 +7,10 @@ use volcomp_identify::threepoint::{Seen, Shot};
 const ENDINGS: [&str; 6] = ["_x_mm", "_y_mm", "_z_mm", "_range_mm", "_azimuth_deg", "_elevation_deg"];
 
 /// Names and platform coordinates.
-pub(super) fn points(path: &Path) -> Result<Vec<(String, Vec3)>> {
+pub(super) fn points(path: &Path) -> Result<Vec<Named>> {
     let mut table = columns::open(path)?;
     let (name, at) = (table.require("point")?, table.three(["x_mm", "y_mm", "z_mm"])?);
-    let mut points: Vec<(String, Vec3)> = Vec::new();
+    let mut points: Vec<Named> = Vec::new();
     table.rows(|row| {
         let word = row.word(name);
         if word.is_empty() {
@@ -28,7 +28,7 @@ pub(super) fn points(path: &Path) -> Result<Vec<(String, Vec3)>> {
 /// The rows of a measured file.
 pub(super) fn shots(
     path: &Path,
-    points: &[(String, Vec3)],
+    points: &[Named],
     frame: &Frame,
     tracker: &TrackerArgs,
 ) -> Result<Vec<Shot>> {

@@ -2,7 +2,7 @@
 
 use super::of_geometry;
 use crate::identify::prelude::*;
-use volcomp_identify::threepoint::{SeriesFit, Side, Sides};
+use volcomp_identify::threepoint::{Geometry, PoseErrors, SeriesFit, Side, Sides};
 
 /// Everything there is to say beside the motions.
 pub(super) struct Threepoint {
@@ -25,14 +25,11 @@ impl Threepoint {
     /// That row, for a message.
     fn worst_row_text(&self) -> String {
         self.fit.worst_row().map_or_else(String::new, |i| {
-            let (pose, row) = (&self.fit.poses[i], &self.fit.rows[i]);
+            let (PoseErrors { chi2, dof, .. }, row) = (&self.fit.poses[i], &self.fit.rows[i]);
             let cycle = if row.cycle > 0 { format!(", cycle {}", row.cycle) } else { String::new() };
+            let (number, position) = (i + 1, row.position);
             format!(
-                ", worst row {} at {} mm{cycle}, chi2 {:.0} of {} degrees of freedom",
-                i + 1,
-                row.position,
-                pose.chi2,
-                pose.dof
+                ", worst row {number} at {position} mm{cycle}, chi2 {chi2:.0} of {dof} degrees of freedom"
             )
         })
     }
@@ -40,7 +37,7 @@ impl Threepoint {
 
 impl Report for Threepoint {
     fn print(&self, motions: &Motions<'_>) {
-        let (axis, r, g) = (motions.origin.axis, motions.origin.reference, &self.fit.poses[0].geometry);
+        let (axis, r) = (motions.origin.axis, motions.origin.reference);
         let SeriesFit { chi2, dof, .. } = self.fit;
         let (points, rows) = (self.names.len(), motions.gauged.rows.len());
         let [x, y, z]: [f64; 3] = r.into();
@@ -52,18 +49,13 @@ impl Report for Threepoint {
         }
         if let Some(registered) = &self.frame.registered {
             registered.print();
-            say_text!(
-                "  at the reference point it means up to {:.2} um (k=1)",
-                um_from_mm(registered.std_at(&r))
-            );
+            let std = um_from_mm(registered.std_at(&r));
+            say_text!("  at the reference point it means up to {std:.2} um (k=1)");
         }
+        let Geometry { rms_radius, off_line_rms, condition_scaled, condition_centroid, roll_growth, .. } =
+            &self.fit.poses[0].geometry;
         say!(
-            "points: rms radius {:.1} mm, {:.1} mm off their line; condition {:.1} at the platform origin, {:.1} at the centroid; rotation about the line {:.1} times less certain than across",
-            g.rms_radius,
-            g.off_line_rms,
-            g.condition_scaled,
-            g.condition_centroid,
-            g.roll_growth
+            "points: rms radius {rms_radius:.1} mm, {off_line_rms:.1} mm off their line; condition {condition_scaled:.1} at the platform origin, {condition_centroid:.1} at the centroid; rotation about the line {roll_growth:.1} times less certain than across"
         );
         match (self.p_value(), self.fit.noise_factor) {
             (Some(p), Some(factor)) => {
@@ -115,16 +107,13 @@ impl Report for Threepoint {
             "workpiece_side": self.workpiece_side,
             "points": self.names,
             "geometry": geometry,
-            "rigidity": {
-                "chi2": self.fit.chi2,
-                "dof": self.fit.dof,
+            "rigidity": fields!(self.fit; chi2, dof, noise_factor;
                 "p_value": self.p_value(),
-                "noise_factor": self.fit.noise_factor,
                 "worst_row": self.p_value().and_then(|_| self.fit.worst_row()).map(|i| i + 1),
                 "failing_rows": self.p_value().map(|_| self.fit.failing()),
                 "suspect_point": self.suspect().map(|s| s.0),
                 "suspect_lead": self.suspect().map(|s| s.1),
-            },
+            ),
             "registration": self.frame.registered.as_ref().map(Registered::json),
         })
     }
@@ -151,12 +140,7 @@ pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
 
 /// Distances for machines, mm.
 pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value {
-    let side = |s: &Side| {
-        let mut side = fields!(s; poses, mean, std, std_sample, peak_to_peak);
-        side["from"] = json!(names[s.from]);
-        side["to"] = json!(names[s.to]);
-        side
-    };
+    let side = |s: &Side| fields!(s; poses, mean, std, std_sample, peak_to_peak; "from": names[s.from], "to": names[s.to]);
     json!({
         "poses": poses,
         "sides": sides.sides.iter().map(side).collect::<Vec<_>>(),

@@ -148,12 +148,8 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
         return Err(Failure::data(path, "is read twice; name a regular file"));
     };
     if base.chain.index_of(axis).is_none() {
-        return Err(usage!(
-            "--motion {}={}: the chain {} has no such axis",
-            axis.lower(),
-            path.display(),
-            base.chain
-        ));
+        let (letter, path, chain) = (axis.lower(), path.display(), &base.chain);
+        return Err(usage!("--motion {letter}={path}: the chain {chain} has no such axis"));
     }
     let mut by_symbol = BySymbol::new();
     read(path, axis, Format::Auto, None, Direction::Both, &mut by_symbol)?;

@@ -74,10 +74,8 @@ impl Report<'_> {
             _ => ": not tested, no uncertainty is stated".to_owned(),
         };
         let ([a, b], [largest, rms]) = (c.sources.map(|s| self.name(s)), [c.largest.abs(), c.rms].map(out));
-        format!(
-            "{} {a} and {b}{over}: largest difference {largest:.3}, rms {rms:.3} {unit}{tested}",
-            c.symbol
-        )
+        let symbol = c.symbol;
+        format!("{symbol} {a} and {b}{over}: largest difference {largest:.3}, rms {rms:.3} {unit}{tested}")
     }
 
     fn dropped(&self, d: &Dropped) -> String {
@@ -120,19 +118,16 @@ impl Report<'_> {
     fn check_json(&self, c: &Check) -> Value {
         let unit = error_unit(c.symbol);
         let axis = c.symbol.axis();
-        json!({
+        fields!(c; places, chi_square, dof;
             "symbol": key(c.symbol),
             "sources": c.sources.map(|i| self.name(i)),
             format!("over_{}", position_unit(axis)): c.over.map(|o| o.map(|q| position_out(axis, q))),
-            "places": c.places,
             format!("largest_{unit}"): rounded(error_out(c.symbol, c.largest)),
             format!("rms_{unit}"): rounded(error_out(c.symbol, c.rms)),
             format!("std_{unit}"): c.std.map(|s| rounded(error_out(c.symbol, s))),
-            "chi_square": c.chi_square,
-            "dof": c.dof,
             "p_value": c.p,
             "agree": c.p.map(|p| p >= self.significance).or(c.is_identical().then_some(true)),
-        })
+        )
     }
 
     fn dropped_json(&self, d: &Dropped) -> Value {

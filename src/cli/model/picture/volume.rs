@@ -89,14 +89,9 @@ fn draw_axes(area: &Area<'_>, view: &View, spec: &ModelSpec, edges: &[Edge]) -> 
     let travels = edges.iter().map(|e| format!("{} {} to {} mm", e.axis, e.range[0], e.range[1]));
     let travels = travels.joined(", ");
     words(area, &travels, (14, TITLE as i32 + 4), 13)?;
-    let elsewhere = spec
-        .chain
-        .axes()
-        .iter()
-        .zip(home.position)
-        .filter(|(a, q)| *q != 0.0 && !edges.iter().any(|e| e.axis == a.name))
-        .map(|(a, _)| a.name.to_string())
-        .joined(", ");
+    let placed = spec.chain.axes().iter().zip(home.position);
+    let elsewhere = placed.filter(|(a, q)| *q != 0.0 && !edges.iter().any(|e| e.axis == a.name));
+    let elsewhere = elsewhere.map(|(a, _)| a.name).joined(", ");
     if !elsewhere.is_empty() {
         let text = format!("{elsewhere} at the end of travel nearest to home");
         words(area, &text, (14, TITLE as i32 + 24), 13)?;
