@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::constants::{
-    BEYOND_TAILS, HALF, LINE_CHANCE, ONE_AXIS, OUTLIERS_SHARE, PASSED, STEP_UM, STRONG, TOLD,
+    BEYOND_TAILS, FEW, HALF, LINE_CHANCE, ONE_AXIS, OUTLIERS_SHARE, PASSED, STEP_UM, STRONG, TOLD,
 };
 use super::library::{Effect, Kind, Label, Without};
 use super::noise::{ClassNoise, Tone, angle_noise, pair_residuals, range_noise, tails, tone};
@@ -72,10 +72,8 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
 /// False where the noise is merely heavy-tailed, of all readings and of each class: then single wild readings are its tails
 /// and no cause of their own.
 fn beyond_tails(e: &Evidence<'_>) -> bool {
-    let [times, deviations, least] = BEYOND_TAILS;
-    tails(e.session, e.gap, e.lattice_um).iter().any(|t| {
-        t.beyond >= least && t.beyond > (times * t.expected).max(t.expected + deviations * t.expected.sqrt())
-    })
+    let [_, _, least] = BEYOND_TAILS;
+    tails(e.session, e.gap, e.lattice_um).iter().any(|t| t.beyond >= least && t.is_beyond())
 }
 
 /// Share of the readings left out that one of their neighbours in the same run and direction resembles: what differs from its
@@ -112,7 +110,9 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     let mut found = Vec::new();
     let n = e.gap.len();
     let outlying = e.outlying.len();
-    if outlying as f64 >= OUTLIERS_SHARE * n as f64 && beyond_tails(e) {
+    // a few are listed, many are a cause
+    let least = (OUTLIERS_SHARE * n as f64).max((TOLD * n as f64).min(FEW as f64));
+    if outlying as f64 >= least && beyond_tails(e) {
         let share = outlying as f64 / n as f64;
         let std = (share / n as f64).sqrt();
         let mut wild = cause("outliers", PASSED[0], &[("share_percent", 100.0 * share, 100.0 * std)]);

@@ -1,6 +1,6 @@
 //! Single wild readings, from repeats or from neighbours.
 
-use super::super::constants::{FEW, NEARLY, OUTLYING, ROUNDS};
+use super::super::constants::{BEYOND_TAILS, FEW, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
 use super::{MAD, median, repeats_of};
 
@@ -28,7 +28,8 @@ pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize
     found
 }
 
-/// The reading minus the median of its partners; NaN without one.
+/// The reading minus the median of its partners, of two middle ones the nearer: a wild reading among two partners must not make the
+/// others look wild; NaN without one.
 #[must_use]
 pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
     let pairs = session.readings.iter().filter_map(|r| r.pair).max().map_or(0, |p| p + 1);
@@ -41,8 +42,10 @@ pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> 
     let mut out = vec![f64::NAN; gap.len()];
     for rows in groups.iter().filter(|g| g.len() > 1) {
         for i in rows {
-            let mut others: Vec<f64> = rows.iter().filter(|j| *j != i).map(|j| gap[*j]).collect();
-            out[*i] = gap[*i] - median(&mut others);
+            let mut apart: Vec<f64> = rows.iter().filter(|j| *j != i).map(|j| gap[*i] - gap[*j]).collect();
+            apart.sort_by(f64::total_cmp);
+            let middle = [apart[(apart.len() - 1) / 2], apart[apart.len() / 2]];
+            out[*i] = if middle[0].abs() < middle[1].abs() { middle[0] } else { middle[1] };
         }
     }
     out
@@ -55,8 +58,8 @@ fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> V
         .filter(|(_, d)| d.abs() > OUTLYING)
         .map(|(i, _)| i)
         .collect();
-    // of two partners both look wrong; the one that lies apart from its neighbours in the run is
-    found.retain(|i| is_the_wild_one(session, gap, *i));
+    // beside a wild reading its partners look wrong, too
+    found.retain(|i| is_the_wild_one(session, gap, used, *i));
     found
 }
 
@@ -110,6 +113,15 @@ pub struct Tails {
     pub expected: f64,
 }
 
+impl Tails {
+    /// More than heavy tails would bring.
+    #[must_use]
+    pub fn is_beyond(&self) -> bool {
+        let [times, deviations, _] = BEYOND_TAILS;
+        self.beyond > (times * self.expected).max(self.expected + deviations * self.expected.sqrt())
+    }
+}
+
 /// The tails of what differs between repeats: of all readings together, then of each class: wild readings of the same size
 /// stand far out of the noise of one instrument and in the shoulders of another's.
 #[must_use]
@@ -161,14 +173,17 @@ fn slow(session: &Session, apart: &[f64], rows: &[usize], k: usize) -> f64 {
     if values.is_empty() { 0.0 } else { median(&mut values) }
 }
 
-fn is_the_wild_one(session: &Session, gap: &[f64], i: usize) -> bool {
+/// True where a reading is the wild one among its partners that are `used`: the farthest from their common median, or of two the one
+/// that lies apart from its neighbours in the run.
+fn is_the_wild_one(session: &Session, gap: &[f64], used: &[bool], i: usize) -> bool {
     let Some(pair) = session.readings[i].pair else { return true };
-    let partners: Vec<usize> =
-        (0..gap.len()).filter(|j| *j != i && session.readings[*j].pair == Some(pair)).collect();
-    if partners.len() != 1 {
-        return true;
-    }
-    bend(session, gap, i) >= bend(session, gap, partners[0])
+    let together: Vec<usize> =
+        (0..gap.len()).filter(|j| used[*j] && session.readings[*j].pair == Some(pair)).collect();
+    let middle = median(&mut together.iter().map(|j| gap[*j]).collect::<Vec<f64>>());
+    let apart = |j: usize| {
+        if together.len() > 2 { (gap[j] - middle).abs() } else { bend(session, gap, j) }
+    };
+    together.iter().all(|j| apart(i) >= apart(*j))
 }
 
 /// How far a reading lies from the line through its neighbours.

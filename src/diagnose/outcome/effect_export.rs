@@ -120,16 +120,17 @@ pub(super) fn not_seen_on(fresh: &mut Session, a: &Analysis, assessed: &[Assesse
         .collect()
 }
 
-/// RMS of fresh data without and with the causes declared.
+/// RMS of fresh data without and with the causes declared, beside the readings `outlying`.
 pub(super) fn seen_on(
     fresh: &mut Session,
     a: &Analysis,
     assessed: &[Assessed],
-    owner: &[usize],
-    beta: &[f64],
+    (owner, beta): (&[usize], &[f64]),
+    outlying: &[usize],
 ) -> (f64, f64) {
     let gap = fresh.gap();
-    let used = vec![true; gap.len()];
+    let mut used = vec![true; gap.len()];
+    outlying.iter().for_each(|i| used[*i] = false);
     for s in a.library.signals() {
         fresh.add_signal(&s);
     }

@@ -22,7 +22,7 @@ use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
 use super::moment::Source;
-use super::noise::{beside_repeats, from_partners, is_revisited};
+use super::noise::{beside_repeats, from_partners, is_revisited, lattices, outliers};
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::Day;
 use super::report::{Cause, Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
@@ -310,7 +310,15 @@ pub(super) fn conclude(
     }
     let fresh = fresh.map(|f| {
         notes.extend(not_seen_on(f, a, &assessed));
-        let seen = seen_on(f, a, &assessed, &owner, &beta);
+        let wild = outliers(f, &f.gap(), &lattices(f));
+        if !wild.is_empty() {
+            notes.push(format!(
+                "fresh data: {} of {} readings are marked as outliers or lie apart from their repeats; they are left out",
+                wild.len(),
+                f.readings.len()
+            ));
+        }
+        let seen = seen_on(f, a, &assessed, (&owner, &beta), &wild);
         let fraction = 1.0 - seen.1 / seen.0.max(1e-12);
         Fresh {
             rms_before_um: seen.0,
