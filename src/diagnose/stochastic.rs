@@ -72,8 +72,10 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
 /// False where the noise is merely heavy-tailed, of all readings and of each class: then single wild readings are its tails
 /// and no cause of their own.
 fn beyond_tails(e: &Evidence<'_>) -> bool {
-    let [_, _, least] = BEYOND_TAILS;
-    tails(e.session, e.gap, e.lattice_um).iter().any(|t| t.beyond >= least && t.is_beyond())
+    let [times, deviations, least] = BEYOND_TAILS;
+    tails(e.session, e.gap, e.lattice_um).iter().any(|t| {
+        t.beyond >= least && t.beyond > (times * t.expected).max(t.expected + deviations * t.expected.sqrt())
+    })
 }
 
 /// Share of the readings left out that one of their neighbours in the same run and direction resembles: what differs from its

@@ -1,6 +1,6 @@
 //! Single wild readings, from repeats or from neighbours.
 
-use super::super::constants::{BEYOND_TAILS, FEW, NEARLY, OUTLYING, ROUNDS};
+use super::super::constants::{FEW, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
 use super::{MAD, median, repeats_of};
 
@@ -111,15 +111,6 @@ pub struct Tails {
     pub beyond: f64,
     /// Expected there of Student's noise with the same shoulders, two standard deviations to the safe side.
     pub expected: f64,
-}
-
-impl Tails {
-    /// More than heavy tails would bring.
-    #[must_use]
-    pub fn is_beyond(&self) -> bool {
-        let [times, deviations, _] = BEYOND_TAILS;
-        self.beyond > (times * self.expected).max(self.expected + deviations * self.expected.sqrt())
-    }
 }
 
 /// The tails of what differs between repeats: of all readings together, then of each class: wild readings of the same size
