@@ -16,3 +16,4 @@ mod sensitivity;
 mod structure;
 mod support;
 mod targets;
+mod wild;

@@ -200,7 +200,9 @@ pub enum SessionError {
         rows: usize,
     },
     /// Nothing was measured.
-    #[error("{file}: every deviation_um is {value}; nothing was measured, or the column was lost on the way")]
+    #[error(
+        "{file}: every deviation_um is {value}; nothing was measured, the resolution is coarser than all errors, or the column was lost on the way"
+    )]
     Constant {
         /// The file.
         file: String,

@@ -50,7 +50,7 @@ impl Form for SpindleTilt {
     }
 }
 
-/// `d_z = c L`.
+/// `d_z = -c L`: a tool that is longer than stated ends lower.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ToolLength {}
 

@@ -1,0 +1,164 @@
+//! Sessions of one axis that a workshop brings: wild readings among the repeats, coarse displays, three tools, three feeds.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+
+use serde_json::Value;
+
+use crate::instruments::diagnose;
+use crate::support::normal;
+
+fn diagnosed(table: &str, options: &[&str]) -> Value {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("session.csv");
+    std::fs::write(&path, table).unwrap();
+    diagnose(&path, options).0
+}
+
+fn declared(r: &Value) -> BTreeSet<String> {
+    crate::cli::declared(r).into_iter().collect()
+}
+
+/// White noise of the readings, um.
+const NOISE_UM: f64 = 0.5;
+
+/// A test of X with 6 um of backlash and 20 um/m, both directions, and the lines of its wild readings, every n-th, 15 times the noise off.
+fn line(targets: usize, cycles: usize, every: usize, seed: u64) -> (String, BTreeSet<usize>) {
+    let mut noise = normal(seed);
+    let mut table = "t_s,instrument,setup,run,repeat,pair,x_mm,u_x,u_y,u_z,dir_x,deviation_um\n".to_owned();
+    let (mut wild, mut row) = (BTreeSet::new(), 0);
+    for cycle in 1..=cycles {
+        for sign in [1.0, -1.0] {
+            for k in 0..targets {
+                let target = if sign > 0.0 { k } else { targets - 1 - k };
+                let (x, pair) = (30.0 * target as f64, 2 * target + usize::from(sign < 0.0));
+                let mut deviation_um = 0.02 * x - 3.0 * sign + NOISE_UM * noise();
+                row += 1;
+                if row % every == every / 2 {
+                    wild.insert(row + 1);
+                    deviation_um += if wild.len() % 2 == 0 { 15.0 } else { -15.0 } * NOISE_UM;
+                }
+                writeln!(
+                    table,
+                    "{},laser,1,{cycle},{cycle},{pair},{x},1,0,0,{sign},{deviation_um:.3}",
+                    8 * row
+                )
+                .unwrap();
+            }
+        }
+    }
+    (table, wild)
+}
+
+/// Whatever their share, and whether or not the readings are averaged, what lies apart from its repeats is listed, and is no noise.
+#[test]
+fn wild_readings_are_told_by_their_repeats_however_many_they_are() {
+    for (targets, cycles, every) in [(11, 5, 40), (11, 5, 14), (11, 3, 12), (31, 5, 60), (31, 5, 17)] {
+        let (table, wild) = line(targets, cycles, every, 7);
+        let r = diagnosed(&table, &[]);
+        let listed: BTreeSet<usize> = r["outlying_readings"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|o| o["at"].as_str().unwrap().rsplit(':').next().unwrap().parse().unwrap())
+            .collect();
+        let case = format!("{targets} targets, {cycles} cycles, one in {every}");
+        assert!(wild.is_subset(&listed), "{case}: {wild:?} but {listed:?}");
+        assert!(listed.len() <= wild.len() + 3, "{case}: {wild:?} but {listed:?}");
+        let noise_um = r["gap"]["noise_um"].as_f64().unwrap();
+        assert!((0.35..0.65).contains(&noise_um), "{case}: {noise_um}");
+        let found = declared(&r);
+        for cause in ["backlash:x", "scale:x"] {
+            assert!(found.contains(cause), "{case}: {found:?}");
+        }
+        // a few are listed, many are a cause
+        assert_eq!(found.contains("outliers:"), every < 20, "{case}: {found:?}");
+    }
+}
+
+/// Of noise alone nothing is wild.
+#[test]
+fn noise_has_no_wild_readings() {
+    for seed in 1..=5 {
+        let (table, _) = line(21, 3, usize::MAX, seed);
+        let r = diagnosed(&table, &[]);
+        assert!(r["outlying_readings"].as_array().unwrap().len() <= 1, "{seed}: {}", r["outlying_readings"]);
+        assert!(!declared(&r).contains("outliers:"), "{seed}");
+    }
+}
+
+/// A display of 3 um above noise of 1 um: three values are read in any order, without repeats, whatever the length of the bar.
+#[test]
+fn a_coarse_display_is_seen_without_repeats() {
+    for length_um in [0.0, 6.0] {
+        let mut noise = normal(5);
+        let mut table =
+            "t_s,instrument,setup,run,repeat,x_mm,y_mm,u_x,u_y,u_z,moving,deviation_um\n".to_owned();
+        for (run, sign) in [(1, 1.0), (2, -1.0)] {
+            for k in 0..120 {
+                let (sin, cos) = (sign * (f64::from(k) * 3.0 + 1.0).to_radians()).sin_cos();
+                let (x, y) = (100.0 * cos, 100.0 * sin);
+                let read_um = 3.0 * (noise() / 3.0).round() + length_um;
+                let t = 0.3 * f64::from(k) + 100.0 * f64::from(run);
+                writeln!(table, "{t:.2},ballbar,1,{run},1,{x:.4},{y:.4},{cos:.6},{sin:.6},0,1,{read_um}")
+                    .unwrap();
+            }
+        }
+        let r = diagnosed(&table, &[]);
+        assert!(declared(&r).contains("quantisation:"), "{length_um}: {}", r["causes"]);
+        let step = r["causes"].as_array().unwrap().iter().find(|c| c["effect"] == "quantisation").unwrap();
+        assert!((step["parameters"]["step_um"]["value"].as_f64().unwrap() - 3.0).abs() < 1e-9);
+    }
+}
+
+/// One axis alone that moves, in three programs: at three feeds its lag is found, with three tools their length.
+#[test]
+fn one_axis_in_three_programs_is_judged() {
+    let mut noise = normal(9);
+    let mut table = "t_s,instrument,setup,run,repeat,pair,x_mm,u_x,u_y,u_z,moving,deviation_um\n".to_owned();
+    let mut t = 0.0;
+    for (run, speed) in
+        (1..).zip([10.0, -10.0, 30.0, -30.0, 90.0, -90.0, 10.0, -10.0, 30.0, -30.0, 90.0, -90.0])
+    {
+        t += 20.0;
+        for k in 0..40 {
+            t += 0.05;
+            let x = 250.0 + speed * 0.05 * (f64::from(k) - 20.0);
+            // 40 us late
+            let deviation_um = -speed * 0.04 + NOISE_UM * noise();
+            let (repeat, pair) = (1 + (run - 1) / 6, 40 * ((run - 1) % 6) + k);
+            writeln!(table, "{t:.3},laser,1,{run},{repeat},{pair},{x:.4},1,0,0,1,{deviation_um:.3}").unwrap();
+        }
+    }
+    let r = diagnosed(&table, &[]);
+    assert!(r["verdict"] == "explained", "{}", r["causes"]);
+    let found = declared(&r);
+    assert!(["servo-mismatch:x", "latency:", "clock-skew:"].iter().any(|c| found.contains(*c)), "{found:?}");
+
+    let mut table =
+        "t_s,instrument,setup,run,repeat,pair,x_mm,u_x,u_y,u_z,tool_length_mm,deviation_um\n".to_owned();
+    let mut row = 0;
+    for (run, tool_mm) in (1..).zip([100.0, 150.0, 250.0, 100.0, 150.0, 250.0]) {
+        for k in 0..11 {
+            row += 1;
+            let deviation_um = -0.1 * tool_mm + NOISE_UM * noise();
+            let (repeat, pair) = (1 + (run - 1) / 3, 11 * ((run - 1) % 3) + k);
+            writeln!(
+                table,
+                "{},probe,1,{run},{repeat},{pair},{},0,0,1,{tool_mm},{deviation_um:.3}",
+                8 * row,
+                40 * k
+            )
+            .unwrap();
+        }
+    }
+    let r = diagnosed(&table, &[]);
+    assert!(declared(&r).contains("tool-length:"), "{}", r["causes"]);
+    let cause = &r["causes"][0];
+    let ppm = cause["parameters"]["tool_length_ppm"]["value"].as_f64().unwrap();
+    // a tool that is longer than stated ends lower
+    assert!((ppm - 100.0).abs() < 5.0, "{cause}");
+}
