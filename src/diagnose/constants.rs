@@ -164,8 +164,16 @@ pub(crate) const NOISE_SHARE: f64 = 1e-3;
 /// Samples further apart than this are readings at standstill, s, unless the rows say that they move. Halved: logs at 10 Hz have
 /// no velocities; doubled: readings with short dwells get false ones.
 pub(crate) const FAST_S: f64 = 0.12;
-/// The same where a column says that the machine moves.
+/// The same where a column says that the machine moves, unless the path between the samples is known.
 pub(crate) const FAST_MOVING_S: f64 = 5.0 * FAST_S;
+/// Change of a velocity from sample to sample, relative or in rad, up to which the path between them is known: 12 samples per turn
+/// of a circle. Halved: circles of 12 to 25 samples per turn stand still; doubled: readings here and there are a path.
+pub(crate) const BEND: f64 = 0.55;
+/// Samples of a circle stay within this share of its radius: 0.15 mm of 150 mm. Halved or doubled: only circles of measured
+/// positions, or with few decimals.
+pub(crate) const ON_CIRCLE: f64 = 1e-3;
+/// Least arc, rad, a quadrant. Halved: slightly bent lines are circles; doubled: partial circles of a quadrant are not.
+pub(crate) const ARC: f64 = 0.49 * core::f64::consts::PI;
 /// Error of an acceleration by the rounding of positions that is accepted, mm/s^2 or deg/s^2. Halved: accelerations are
 /// smoothed over more samples; doubled: they scatter.
 pub(crate) const ACCELERATION_NOISE: f64 = 10.0;

@@ -119,6 +119,11 @@ fn declared(table: &str, centre: [f64; 2]) -> (Vec<Declared>, Value) {
     std::fs::write(&path, table).unwrap();
     let centre = format!("--centre-mm={},{},-250", centre[0], centre[1]);
     let (report, _) = diagnose(&path, &["--radius-mm", "150", "--plane", "xy", &centre]);
+    (declared_in(&report), report)
+}
+
+/// The causes declared in a report, by name.
+fn declared_in(report: &Value) -> Vec<Declared> {
     let of = |c: &Value| {
         let (effect, subject) = (c["effect"].as_str().unwrap(), c["subject"].as_str().unwrap());
         let is_pair = effect == "servo-mismatch";
@@ -131,7 +136,7 @@ fn declared(table: &str, centre: [f64; 2]) -> (Vec<Declared>, Value) {
     let causes = report["causes"].as_array().unwrap().iter().filter(|c| c["declared"] == true);
     let mut all: Vec<Declared> = causes.map(of).collect();
     all.sort_by(|a, b| a.name.cmp(&b.name));
-    (all, report)
+    all
 }
 
 const CENTRE: [f64; 2] = [425.0, 250.0];
@@ -188,6 +193,43 @@ fn one_effect_that_resembles_two_does_not_keep_them_out() {
     let truth = Truth { squareness_rad: -48.5e-6, scale_ppm: [25.0, 0.0], ..Truth::default() };
     let (found, _) = declared(&truth.circles(&[1000.0], CENTRE, 0.3, 3), CENTRE);
     assert_eq!(names(&found), ["scale:x", "squareness:xy"]);
+}
+
+/// A session file of the YZ circle that states positions, time and `moving`: 72 readings per turn, half a step beside the quadrants.
+fn session(radius_mm: f64, feed_mm_per_min: f64, backlash_z_um: f64, lag_z_ms: f64) -> String {
+    let mut table = "t_s,instrument,setup,run,repeat,y_mm,z_mm,u_x,u_y,u_z,deviation_um,moving\n".to_owned();
+    let mut noise = normal(4);
+    let speed = feed_mm_per_min / 60.0;
+    for (run, direction) in [(1, 1.0), (2, -1.0)] {
+        for k in 0..72 {
+            let turned = (f64::from(k) + 0.5).to_radians() * 5.0;
+            let (sin, cos) = (direction * turned).sin_cos();
+            let t = 600.0 * f64::from(run) + radius_mm * turned / speed;
+            let velocity = direction * speed * cos;
+            let dz = -0.5 * backlash_z_um * velocity.signum() - lag_z_ms * velocity;
+            let deviation = dz * sin + noise();
+            let [y, z] = [radius_mm * cos, radius_mm * sin];
+            writeln!(table, "{t:.3},ballbar,1,{run},1,{y:.5},{z:.5},0,{cos:.6},{sin:.6},{deviation:.2},1")
+                .unwrap();
+        }
+    }
+    table
+}
+
+/// Readings at equal places on both sides of a vertex, and readings 0.8 s apart, show when each axis turns round and how fast it is.
+#[test]
+fn a_session_of_a_circle_needs_positions_and_time_only() {
+    for (table, wanted) in [
+        (session(100.0, 3000.0, 20.0, 0.0), "backlash:z"),
+        (session(150.0, 1000.0, 0.0, 1.2), "servo-mismatch"),
+    ] {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("session.csv");
+        std::fs::write(&path, &table).unwrap();
+        let (report, _) = diagnose(&path, &[]);
+        assert_eq!(report["verdict"], "explained", "{wanted}: {report}");
+        assert_eq!(names(&declared_in(&report)), [wanted]);
+    }
 }
 
 /// Without a calibrator the radius says nothing of the scales.

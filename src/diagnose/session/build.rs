@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::super::moment::{Axis, Light, Machine, Moment, Source};
-use super::motion;
+use super::motion::{self, Moves, Run};
+use super::motion_notes::{self, Motion, Stated};
 use super::pairs::{self, Place};
 use super::reflector_location;
 use super::{
@@ -47,7 +48,6 @@ struct Part<'a> {
     moments: Vec<Moment>,
     notes: Vec<Note>,
     motion: Motion,
-    moving: bool,
     times: Times,
     /// Time, s, and commanded velocity, mm/s, of the linear axes where samples follow each other fast.
     velocities: [Vec<(f64, f64)>; 3],
@@ -123,7 +123,7 @@ impl Session {
             motions.push((raw.file.as_str(), std::mem::take(&mut part.motion)));
             session.take(part, &mut places, &mut extra);
         }
-        session.notes.extend(motion_notes(&motions));
+        session.notes.extend(motion_notes::of(&motions));
         let pairs = pairs::find(&places);
         for (r, p) in session.readings.iter_mut().zip(&pairs) {
             r.pair = *p;
@@ -337,7 +337,6 @@ impl<'a> Part<'a> {
             moments: Vec::new(),
             notes: Vec::new(),
             motion: Motion::default(),
-            moving: false,
             times,
             velocities,
             unsettled: vec![false; n],
@@ -375,14 +374,48 @@ impl<'a> Part<'a> {
                 ..Moment::default()
             })
             .collect();
+        let runs = self.runs();
         for axis in Axis::ALL {
-            self.axis(axis)?;
+            self.axis(axis, &runs)?;
         }
         Ok(())
     }
 
+    /// The runs of the file, each with its motion.
+    fn runs(&self) -> Vec<Run> {
+        let raw = self.raw;
+        let t = raw.column("t_s").unwrap_or(&[]);
+        let positions: Vec<(Axis, &[f64])> =
+            Axis::ALL.into_iter().filter_map(|a| Some((a, raw.column(&a.column())?))).collect();
+        let moving = raw.column("moving");
+        let unit = |a: &Axis| if a.is_linear() { "mm" } else { "deg" };
+        let speeds: Vec<&[f64]> =
+            Axis::ALL.iter().filter_map(|a| raw.column(&format!("v{a}_{}_per_s", unit(a)))).collect();
+        let mut runs = Vec::new();
+        let mut first = 0;
+        while first < raw.len() {
+            let end = (first..raw.len()).find(|i| self.run[*i] != self.run[first]).unwrap_or(raw.len());
+            let mut rows = first..end;
+            let moves = if self.times == Times::Ordinal {
+                Moves::Unknown
+            } else if moving.is_some_and(|m| m[first..end].contains(&1.0))
+                || speeds.iter().any(|v| v[first..end].iter().any(|v| v.abs() > 0.0))
+            {
+                Moves::Stated
+            } else if moving.is_none() && rows.all(|i| raw.instruments.get(i).is_some_and(|n| is_ballbar(n)))
+            {
+                Moves::OnCircles
+            } else {
+                Moves::Unknown
+            };
+            runs.push(Run::of(t, [first, end], &positions, moves));
+            first = end;
+        }
+        runs
+    }
+
     /// Position, speed, acceleration, direction and reversals of one axis.
-    fn axis(&mut self, axis: Axis) -> Result<(), SessionError> {
+    fn axis(&mut self, axis: Axis, runs: &[Run]) -> Result<(), SessionError> {
         let raw = self.raw;
         let (slot, unit) = (axis.slot(), if axis.is_linear() { 1.0 } else { RAD_PER_DEG });
         let length = if axis.is_linear() { "mm" } else { "deg" };
@@ -402,46 +435,48 @@ impl<'a> Part<'a> {
         let since_s = stated(format!("since_reversal_{axis}_s"));
         let moving = raw.column("moving");
         let of_control = raw.instruments.first().is_some_and(|n| is_encoder(n));
-        let (mut derived, mut fast_rows, mut any_fast) =
-            (vec![0.0; raw.len()], vec![false; raw.len()], false);
-        let t = raw.column("t_s").unwrap_or(&[]);
-        let mut first = 0;
-        while first < raw.len() {
-            let end = (first..raw.len()).find(|i| self.run[*i] != self.run[first]).unwrap_or(raw.len());
-            let samples = motion::samples(t, first, end);
+        let (mut derived, mut fast_rows, mut any_fast, mut any_circle) =
+            (vec![0.0; raw.len()], vec![false; raw.len()], false, false);
+        for Run { samples, in_motion, circle } in runs {
+            let fast = *in_motion;
             let places: Vec<f64> = samples.iter().map(|s| position[s.first]).collect();
-            let says = moving.is_some_and(|m| m[first..end].contains(&1.0));
-            let fast = motion::is_fast(&samples, says);
+            // an axis of the control's own encoders turns round later than on the circle of its commands
+            let circle = circle.as_ref().filter(|_| axis.is_linear() && !of_control);
+            let circle = circle.and_then(|c| c.component(slot));
             any_fast |= fast;
-            let (v, a) = if fast {
-                motion::derivatives(&samples, &places)
-            } else {
-                (vec![0.0; samples.len()], vec![0.0; samples.len()])
+            any_circle |= circle.is_some();
+            let (v, a) = match circle {
+                Some(circle) => circle.derivatives(),
+                None if fast => motion::derivatives(samples, &places),
+                None => (vec![0.0; samples.len()], vec![0.0; samples.len()]),
             };
             if fast && axis.is_linear() {
+                let velocities = &mut self.velocities[slot];
                 match speed {
-                    Some(speed) => {
-                        self.velocities[slot].extend(samples.iter().map(|s| (s.t, speed[s.first])))
-                    }
-                    None => self.velocities[slot].extend(motion::velocities(&samples, &places, of_control)),
+                    Some(speed) => velocities.extend(samples.iter().map(|s| (s.t, speed[s.first]))),
+                    None if circle.is_some() => velocities.extend(samples.iter().map(|s| s.t).zip(v.clone())),
+                    None => velocities.extend(motion::velocities(samples, &places, of_control)),
                 }
             }
             let given: Option<Vec<f64>> = direction.map(|d| samples.iter().map(|s| d[s.first]).collect());
             // the control's own encoders tell how late the axis follows: it turns round when it does, not when it is told to
             let reached = if of_control && fast && axis.is_linear() {
-                let following = self.following(axis, &samples);
+                let following = self.following(axis, samples);
                 let lag_s = motion::lag_s(&following, &v);
                 let settled_s = samples.first().map_or(0.0, |s| s.t) + SETTLED_LAGS * lag_s;
                 let (reached, goes_on) =
-                    motion::reached(axis, &samples, &places, &following, [lag_s, settled_s]);
+                    motion::reached(axis, samples, &places, &following, [lag_s, settled_s]);
                 if !goes_on {
-                    self.mark_unsettled(axis, &samples, settled_s);
+                    self.mark_unsettled(axis, samples, settled_s);
                 }
                 reached
             } else {
                 places
             };
-            let travel = motion::travel(&samples, &reached, given.as_deref(), fast);
+            let travel = match circle {
+                Some(circle) => circle.travel(samples, given.as_deref()),
+                None => motion::travel(samples, &reached, given.as_deref(), fast),
+            };
             for (k, s) in samples.iter().enumerate() {
                 for i in s.first..s.end {
                     let still = moving.is_some_and(|m| m[i] == 0.0);
@@ -459,9 +494,7 @@ impl<'a> Part<'a> {
                     m.since_s[slot] = given_or(since_s, i, derived_s);
                 }
             }
-            first = end;
         }
-        self.moving |= any_fast;
         if let Some(speed) = speed {
             let known: Vec<f64> =
                 speed.iter().zip(&fast_rows).map(|(s, f)| if *f { *s } else { f64::NAN }).collect();
@@ -476,7 +509,16 @@ impl<'a> Part<'a> {
                 });
             }
         }
-        self.tell(axis, any_fast, speed.is_some(), acceleration.is_some(), direction.is_some());
+        if position.iter().any(|p| (p - position[0]).abs() * unit > 1e-9) {
+            let stated = Stated {
+                velocity: speed.is_some(),
+                acceleration: acceleration.is_some(),
+                direction: direction.is_some(),
+                since: since.is_some(),
+                since_s: since_s.is_some(),
+            };
+            self.motion.tell(axis, any_fast, any_circle, stated);
+        }
         Ok(())
     }
 
@@ -495,74 +537,6 @@ impl<'a> Part<'a> {
             self.unsettled[i] |= self.moments[i].u[axis.slot()] != 0.0;
         }
     }
-
-    /// Notes on what was derived.
-    fn tell(&mut self, axis: Axis, fast: bool, speed: bool, acceleration: bool, direction: bool) {
-        let first = self.moments.first().map_or(0.0, |m| m.position[axis.slot()]);
-        if self.moments.iter().all(|m| (m.position[axis.slot()] - first).abs() <= 1e-9) {
-            return;
-        }
-        let mut derived = Vec::new();
-        if fast && !speed {
-            derived.push("velocity");
-        }
-        if fast && !acceleration {
-            derived.push("acceleration");
-        }
-        if !direction {
-            derived.push("direction of travel and distance since reversal");
-        }
-        if !derived.is_empty() {
-            self.motion.derived.entry(derived.join(", ")).or_default().push(axis);
-        }
-        if !fast && !speed {
-            self.motion.slow.push(axis);
-        }
-    }
-}
-
-/// What a file does not state of the motion of its axes.
-#[derive(Debug, Default)]
-struct Motion {
-    /// What was derived from the rows, and for which axes.
-    derived: BTreeMap<String, Vec<Axis>>,
-    /// Axes whose samples are too slow for velocities.
-    slow: Vec<Axis>,
-}
-
-/// Notes on the motion of all files: what holds of several axes or files is said once.
-fn motion_notes(files: &[(&str, Motion)]) -> Vec<Note> {
-    let words = |axes: &[Axis]| axes.iter().map(Axis::to_string).collect::<Vec<_>>().join(", ");
-    let mut derived: BTreeMap<(&str, String), Vec<&str>> = BTreeMap::new();
-    let mut slow: BTreeMap<&[Axis], Vec<&str>> = BTreeMap::new();
-    for (file, motion) in files {
-        for (what, axes) in &motion.derived {
-            derived.entry((what, words(axes))).or_default().push(file);
-        }
-        if !motion.slow.is_empty() {
-            slow.entry(&motion.slow).or_default().push(file);
-        }
-    }
-    let derived = derived.into_iter().map(|((what, axes), files)| {
-        Note::new(format!("{}: {what} of {axes} derived from the rows", files.join(", ")))
-    });
-    let slow = slow.into_iter().map(|(axes, files)| {
-        let linear = axes.iter().filter(|a| a.is_linear());
-        let of = |a: &Axis| {
-            ["reversal-spike", "servo-mismatch", "inertial", "inertial-cross"].map(|e| format!("{e}:{a}"))
-        };
-        let mut unidentifiable: Vec<String> = linear.flat_map(of).collect();
-        if !unidentifiable.is_empty() {
-            unidentifiable.extend(["latency".to_owned(), "clock-skew".to_owned()]);
-        }
-        let text = format!(
-            "{}: samples of {} are too slow for velocities and none are stated: taken as standing still",
-            files.join(", "),
-            words(axes)
-        );
-        Note { text, unidentifiable }
-    });
-    derived.chain(slow).collect()
 }
 
 fn given_or(column: Option<&[f64]>, i: usize, otherwise: f64) -> f64 {

@@ -1,11 +1,16 @@
 //! Motion from the order of the rows: velocities, accelerations, direction of travel, distance and time since reversal.
 //!
 //! A sample is a group of consecutive rows of one run with the same time (a reading in three directions is one sample of
-//! three rows). Speeds are differences of commanded positions and only taken where samples follow each other fast;
-//! slower rows are readings at standstill. Nothing is differentiated across a gap.
+//! three rows). Speeds are differences of commanded positions, on circles of the angle, and only taken where the samples show
+//! the path between them; other rows are readings at standstill. Nothing is differentiated across a gap.
 
-use super::super::constants::{ACCELERATION_NOISE, FAST_MOVING_S, FAST_S, FEW, ROWS, SIGNIFICANT};
+use volcomp_model::geometry::Vec3;
+
+use super::super::constants::{
+    ACCELERATION_NOISE, BEND, FAST_MOVING_S, FAST_S, FEW, LITTLE, ROWS, SIGNIFICANT,
+};
 use super::super::moment::{Axis, Signal, Source};
+use super::circle::Circle;
 use super::history::along_log;
 
 /// A step of time above so many medians is a gap.
@@ -34,9 +39,72 @@ pub(super) fn samples(t: &[f64], first: usize, end: usize) -> Vec<Sample> {
     found
 }
 
-/// True where the samples follow each other fast enough for speeds.
-pub(super) fn is_fast(samples: &[Sample], says_moving: bool) -> bool {
-    samples.len() >= 5 && median_step(samples) <= if says_moving { FAST_MOVING_S } else { FAST_S }
+/// Whether the machine moves at the rows of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Moves {
+    /// The file states it, by `moving` or by velocities.
+    Stated,
+    /// The instrument is read in motion on circles, at rest elsewhere.
+    OnCircles,
+    /// Only fast samples are taken in motion.
+    Unknown,
+}
+
+/// One run: its samples, and how the machine moves at them.
+#[derive(Debug)]
+pub(super) struct Run {
+    pub(super) samples: Vec<Sample>,
+    /// The samples show the path between them.
+    pub(super) in_motion: bool,
+    /// The circle that the linear axes move along.
+    pub(super) circle: Option<Circle>,
+}
+
+impl Run {
+    /// The run of rows `first..end`, with the position of each axis per row.
+    pub(super) fn of(
+        t: &[f64],
+        [first, end]: [usize; 2],
+        positions: &[(Axis, &[f64])],
+        moves: Moves,
+    ) -> Self {
+        let samples = samples(t, first, end);
+        let step = median_step(&samples);
+        if samples.len() < FEWEST || moves == Moves::Unknown && step > FAST_S {
+            return Self { samples, in_motion: false, circle: None };
+        }
+        let place = |s: &Sample| {
+            let mut place = Vec3::zeros();
+            for (axis, position) in positions.iter().filter(|(axis, _)| axis.is_linear()) {
+                place[axis.slot()] = position[s.first];
+            }
+            place
+        };
+        let circle = Circle::of(&samples, &samples.iter().map(place).collect::<Vec<_>>());
+        let in_motion = step <= FAST_S
+            || circle.is_some()
+            || moves == Moves::Stated && (step <= FAST_MOVING_S || is_smooth(&samples, positions));
+        Self { circle: circle.filter(|_| in_motion), samples, in_motion }
+    }
+}
+
+/// Samples from which a motion is derived at least.
+const FEWEST: usize = 5;
+
+/// True where the velocity changes little from step to step.
+fn is_smooth(samples: &[Sample], positions: &[(Axis, &[f64])]) -> bool {
+    let is_steady = |w: &&[Sample]| {
+        let [mut change, mut square] = [0.0; 2];
+        for (_, p) in positions {
+            let velocity = |k: usize| (p[w[k + 1].first] - p[w[k].first]) / (w[k + 1].t - w[k].t);
+            let (before, after) = (velocity(0), velocity(1));
+            change += (after - before).powi(2);
+            square += f64::midpoint(before * before, after * after);
+        }
+        change.sqrt() < BEND * square.sqrt()
+    };
+    let steady = samples.windows(3).filter(is_steady).count();
+    (samples.len() - 2 - steady) as f64 <= LITTLE * samples.len() as f64
 }
 
 fn median_step(samples: &[Sample]) -> f64 {
@@ -50,10 +118,15 @@ fn median_step(samples: &[Sample]) -> f64 {
 
 /// Velocity and acceleration per sample from positions per sample.
 pub(super) fn derivatives(samples: &[Sample], position: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    derivatives_to(samples, position, resolution(position))
+}
+
+/// The same, of positions that are rounded to a `resolution`.
+pub(super) fn derivatives_to(samples: &[Sample], position: &[f64], resolution: f64) -> (Vec<f64>, Vec<f64>) {
     let n = samples.len();
     let (mut velocity, mut acceleration) = (vec![0.0; n], vec![0.0; n]);
     let step = median_step(samples);
-    let h = span(position, step);
+    let h = span(resolution, step);
     let mut first = 0;
     while first < n {
         let mut end = first + 1;
@@ -72,8 +145,11 @@ pub(super) fn derivatives(samples: &[Sample], position: &[f64]) -> (Vec<f64>, Ve
             acceleration[i] = 2.0 * (s1 - s0) / (dt0 + dt1);
         }
         if end - first > 2 {
-            (velocity[first], acceleration[first]) = (velocity[first + 1], acceleration[first + 1]);
-            (velocity[end - 1], acceleration[end - 1]) = (velocity[end - 2], acceleration[end - 2]);
+            // the parabola through the first three samples, and through the last
+            for (i, next) in [(first, first + 1), (end - 1, end - 2)] {
+                acceleration[i] = acceleration[next];
+                velocity[i] = velocity[next] + acceleration[next] * (samples[i].t - samples[next].t);
+            }
         }
         first = end;
     }
@@ -94,14 +170,20 @@ pub(super) fn velocities(samples: &[Sample], position: &[f64], linear: bool) -> 
 }
 
 /// Half width of the differences: wide enough that the rounding of positions does not drown the acceleration.
-fn span(position: &[f64], step: f64) -> usize {
-    let resolution = resolution(position);
+fn span(resolution: f64, step: f64) -> usize {
     let needed = (resolution / ACCELERATION_NOISE).sqrt() / step.max(1e-9);
     (needed.ceil() as usize).clamp(1, FEW)
 }
 
-/// The last decimal that positions use, at least 1e-9.
-fn resolution(position: &[f64]) -> f64 {
+/// The coarsest of the coordinates.
+pub(super) fn resolution_of(places: &[Vec3]) -> f64 {
+    let of = |slot: usize| resolution(&places.iter().map(|p| p[slot]).collect::<Vec<_>>());
+    let moves = |slot: &usize| places.iter().any(|p| (p[*slot] - places[0][*slot]).abs() > MOVED);
+    (0..3).filter(moves).map(of).fold(1e-9, f64::max)
+}
+
+/// The last decimal that values use, 1e-9 to 0.01.
+pub(super) fn resolution(position: &[f64]) -> f64 {
     (2..9)
         .map(|d| 10f64.powi(-d))
         .find(|q| position.iter().take(ROWS / 2).all(|p| ((p / q) - (p / q).round()).abs() < 1e-4))
@@ -170,8 +252,18 @@ pub(super) struct Travel {
     pub(super) since_s: Vec<f64>,
 }
 
+impl Travel {
+    /// Nothing is known of any sample.
+    pub(super) fn unknown(n: usize) -> Self {
+        Self { direction: vec![0.0; n], since: vec![f64::INFINITY; n], since_s: vec![f64::INFINITY; n] }
+    }
+}
+
 /// Movement below this is none: mm, deg.
-const MOVED: f64 = 2e-5;
+pub(super) const MOVED: f64 = 2e-5;
+
+/// A step this many times as long as the next one towards a vertex is part of a curve; on a parabola it is 2, on a line 1.
+const SLOWS: f64 = 1.5;
 
 /// Time and position at which the parabola through three samples turns round; `None` where they go one way.
 fn turning_point(samples: &[Sample], position: &[f64], middle: usize) -> Option<[f64; 2]> {
@@ -179,13 +271,28 @@ fn turning_point(samples: &[Sample], position: &[f64], middle: usize) -> Option<
     let [t0, t, t1] = [samples.get(before)?.t, samples[middle].t, samples.get(after)?.t];
     let slopes =
         [(position[middle] - position[before]) / (t - t0), (position[after] - position[middle]) / (t1 - t)];
-    if slopes[0] * slopes[1] >= 0.0 {
+    if slopes[0] * slopes[1] > 0.0 || slopes[0] == slopes[1] {
         return None;
     }
     let velocity = (slopes[0] * (t1 - t) + slopes[1] * (t - t0)) / (t1 - t0);
     let half = (slopes[1] - slopes[0]) / (t1 - t0);
     let since_s = -0.5 * velocity / half;
     Some([t + since_s, position[middle] + 0.5 * velocity * since_s])
+}
+
+/// True for the second of two samples at the same place of which the axis approached the first ever slower: it turned round midway.
+fn is_past_vertex(position: &[f64], i: usize) -> bool {
+    let step = |k: usize| k.checked_sub(1).and_then(|before| Some(position.get(k)? - position[before]));
+    let Some([before, here, after]) = step(i - 1).and_then(|before| Some([before, step(i)?, step(i + 1)?]))
+    else {
+        return false;
+    };
+    let slows_down = |outer: Option<f64>, inner: f64| outer.is_none_or(|o| o.abs() > SLOWS * inner.abs());
+    here.abs() <= MOVED
+        && before.abs().min(after.abs()) > MOVED
+        && before * after < 0.0
+        && slows_down(i.checked_sub(2).and_then(step), before)
+        && slows_down(step(i + 2), after)
 }
 
 /// True for the second of two readings at the end of a line whose other targets are read once: between them the axis went past the
@@ -208,8 +315,7 @@ fn is_read_from_both_sides(position: &[f64], i: usize) -> bool {
 /// Follows one axis through a run, at rest at each sample or in motion; `given` are directions that the file states.
 pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>, in_motion: bool) -> Travel {
     let n = samples.len();
-    let mut t =
-        Travel { direction: vec![0.0; n], since: vec![f64::INFINITY; n], since_s: vec![f64::INFINITY; n] };
+    let mut t = Travel::unknown(n);
     // a file that states no direction anywhere does not know them: the order of its rows is not that of the machine
     if given.is_some_and(|g| g.iter().all(|d| *d == 0.0)) {
         return t;
@@ -224,7 +330,9 @@ pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>
         let moved = if i > 0 { position[i] - position[i - 1] } else { 0.0 };
         let next = position.get(i + 1).map_or(0.0, |p| p - position[i]);
         // in motion the larger of the steps about a turning point lies on the side of the sample
-        let turned = in_motion && moved.abs() > MOVED && moved * next < 0.0 && next.abs() > moved.abs();
+        let turned = in_motion
+            && (moved.abs() > MOVED && moved * next < 0.0 && next.abs() > moved.abs()
+                || i > 0 && is_past_vertex(position, i));
         let now = match given {
             Some(g) if g[i] != 0.0 && g[i].is_finite() => g[i].signum(),
             _ if turned => next.signum(),

@@ -3,6 +3,8 @@
 use super::super::moment::Machine;
 use super::*;
 
+mod circles;
+
 /// A line along x, up and down, twice: rows of `docs/reference/session-files.md` 1.
 fn line() -> Raw {
     let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
@@ -402,6 +404,50 @@ fn an_axis_turns_round_where_the_parabola_through_its_readings_does() {
             assert!((found.since_s[k] - (t - 1.03)).abs() < 1e-3, "{t} s: {}", found.since_s[k]);
         }
     }
+}
+
+#[test]
+fn two_samples_at_the_same_place_hold_a_vertex_or_a_rest() {
+    use super::motion::{samples, travel};
+    let t: Vec<f64> = (0..20).map(|k| 0.1 * f64::from(k)).collect();
+    let samples = samples(&t, 0, t.len());
+    // a cosine turns round midway between samples 9 and 10
+    let cosine = t.iter().map(|t| (50.0 * (t - 0.95).cos() * 1e5).round() * 1e-5).collect::<Vec<f64>>();
+    let found = travel(&samples, &cosine, None, true);
+    for k in 0..20 {
+        assert_eq!(found.direction[k], if k < 10 { 1.0 } else { -1.0 }, "{k}");
+    }
+    assert!((found.since_s[10] - 0.05).abs() < 1e-3, "{}", found.since_s[10]);
+    assert!((found.since[10] - (50.0 - cosine[10])).abs() < 1e-3, "{}", found.since[10]);
+    // a line at constant feed that is read twice at its end
+    let line: Vec<f64> = (0..20).map(|k| if k < 10 { f64::from(k) } else { f64::from(19 - k) }).collect();
+    let found = travel(&samples, &line, None, true);
+    assert_eq!((found.direction[9], found.direction[10], found.direction[11]), (1.0, 1.0, -1.0));
+}
+
+#[test]
+fn slow_samples_of_a_steady_motion_have_velocities_where_the_file_says_that_it_moves() {
+    let speed = |places: &dyn Fn(usize) -> f64, moving: f64| {
+        let mut raw = line();
+        for i in 0..40 {
+            column(&mut raw, "t_s")[i] = 100.0 * (i / 10) as f64 + 2.0 * (i % 10) as f64;
+            let k = if (i / 10) % 2 == 0 { i % 10 } else { 9 - i % 10 };
+            column(&mut raw, "x_mm")[i] = places(k);
+        }
+        raw.names.push("moving".into());
+        raw.columns.push(vec![moving; 40]);
+        let s = build(raw).unwrap();
+        s.moments.iter().map(|m| m.velocity[0]).collect::<Vec<f64>>()
+    };
+    let steady = |k: usize| 10.0 * k as f64;
+    let found = speed(&steady, 1.0);
+    assert!(found.iter().enumerate().all(|(i, v)| {
+        let way = if (i / 10) % 2 == 0 { 1.0 } else { -1.0 };
+        (v - 5.0 * way).abs() < 1e-9
+    }));
+    assert!(speed(&steady, 0.0).iter().all(|v| *v == 0.0));
+    let uneven = |k: usize| [0.0, 10.0, 40.0, 60.0, 140.0, 150.0, 200.0, 260.0, 270.0, 300.0][k];
+    assert!(speed(&uneven, 1.0).iter().all(|v| *v == 0.0), "the way between is not known");
 }
 
 #[test]
