@@ -19,9 +19,8 @@ pub(super) struct Evidence<'a> {
     /// Readings left out.
     pub(super) outlying: &'a [usize],
     pub(super) lattice_um: &'a [f64],
+    /// Noise of a reading of each instrument class.
     pub(super) noise: &'a [ClassNoise],
-    /// White noise of a reading of each instrument class, um.
-    pub(super) reading_um: &'a [f64],
     /// Rows and whitened remainder.
     pub(super) rows: &'a [usize],
     pub(super) left: &'a [f64],
@@ -129,7 +128,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         found.push(wild);
     }
     for (class, step) in e.lattice_um.iter().enumerate() {
-        if e.varies(class) && *step >= TOLD * e.rms_um && rounding(*step, e.reading_um[class]).is_some() {
+        if e.varies(class) && *step >= TOLD * e.rms_um && rounding(*step, e.noise[class].white_um).is_some() {
             found.push(cause("quantisation", PASSED[0], &[("step_um", *step, 0.0)]));
             break;
         }

@@ -121,6 +121,33 @@ fn a_coarse_display_is_seen_without_repeats() {
     }
 }
 
+/// A vibration as large as the noise in readings at rest, more than are compared one by one, some of them lost.
+#[test]
+fn a_vibration_is_seen_in_many_readings_of_which_some_are_lost() {
+    let table = |amplitude_um: f64| {
+        let mut noise = normal(3);
+        let mut table = "t_s,instrument,setup,run,repeat,x_mm,u_x,u_y,u_z,deviation_um\n".to_owned();
+        for k in 0..450 {
+            let (run, x) = (1 + k / 150, 100 * (1 + k / 150));
+            let t = 0.01 * f64::from(k) + 60.0 * f64::from(run);
+            let shakes_um = amplitude_um * (core::f64::consts::TAU * 33.0 * t).sin();
+            let deviation_um = shakes_um + NOISE_UM * noise();
+            if k * 7919 % 13 != 5 {
+                writeln!(table, "{t:.3},laser,1,{run},1,{x},1,0,0,{deviation_um:.3}").unwrap();
+            }
+        }
+        table
+    };
+    let amplitude_um = NOISE_UM * core::f64::consts::SQRT_2;
+    let r = diagnosed(&table(amplitude_um), &[]);
+    let causes = r["causes"].as_array().unwrap();
+    let found = causes.iter().find(|c| c["effect"] == "vibration").unwrap_or_else(|| panic!("{causes:?}"));
+    let parameter = |name: &str| found["parameters"][name]["value"].as_f64().unwrap();
+    assert!((parameter("frequency_hz") - 33.0).abs() < 0.2, "{found}");
+    assert!((parameter("amplitude_um") - amplitude_um).abs() < 0.15, "{found}");
+    assert!(!declared(&diagnosed(&table(0.0), &[])).contains("vibration:"));
+}
+
 /// One axis alone that moves, in three programs: at three feeds its lag is found, with three tools their length.
 #[test]
 fn one_axis_in_three_programs_is_judged() {

@@ -27,15 +27,24 @@ const WORK: usize = 40_000_000;
 /// of a circle (it has grown warm) has the waves of the circle.
 const PERIODS: f64 = 4.0;
 
-/// A run whose samples follow each other evenly: times and values, and the slowest line that it can hold.
+/// Time, s, value and row of a sample.
+type Sample = (f64, f64, usize);
+
+/// A run whose samples follow each other evenly, and the slowest line that it can hold.
 struct Even {
     step: f64,
+    /// 0 where a sample is lost: it says nothing of any line.
     values: Vec<f64>,
+    /// Number of samples that are not lost.
+    samples: usize,
     slowest_hz: f64,
 }
 
+/// Lost samples in a row up to which a run goes on.
+const LOST_MAX: f64 = 100.0;
+
 fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Even> {
-    let mut runs: Vec<Vec<(f64, f64, usize)>> = vec![Vec::new(); session.runs];
+    let mut runs: Vec<Vec<Sample>> = vec![Vec::new(); session.runs];
     for (e, i) in restless(session, order, filtered, beside).into_iter().zip(order) {
         // without a clock there is no frequency
         let Some(e) = e.filter(|_| session.times_of(*i) == Times::Measured) else { continue };
@@ -46,18 +55,25 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
     for line in lines {
         let mut steps: Vec<f64> = line.windows(2).map(|w| w[1].0 - w[0].0).collect();
         let step = super::median(&mut steps);
-        let regular = line.windows(2).filter(|w| (w[1].0 - w[0].0 - step).abs() < 0.05 * step).count();
+        let steps = |w: &[&Sample]| ((w[1].0 - w[0].0) / step).round().clamp(1.0, LOST_MAX);
+        let is_regular = |w: &&[&Sample]| (w[1].0 - w[0].0 - steps(w) * step).abs() < 0.05 * step;
+        let regular = line.windows(2).filter(is_regular).count();
         let fast = step > 0.0 && 0.5 / step > LOWEST_HZ;
         if fast && regular * 20 >= 19 * (line.len() - 1) {
             let slowest_hz = (PERIODS + turns(session, &line) * PERIODS) / (line.len() as f64 * step);
-            even.push(Even { step, values: line.iter().map(|p| p.1).collect(), slowest_hz });
+            let mut values = vec![line[0].1];
+            for w in line.windows(2) {
+                values.resize(values.len() + steps(w) as usize - 1, 0.0);
+                values.push(w[1].1);
+            }
+            even.push(Even { step, values, samples: line.len(), slowest_hz });
         }
     }
     even
 }
 
 /// How often a motion goes forth and back, by the axis that turns round most.
-fn turns(session: &Session, line: &[&(f64, f64, usize)]) -> f64 {
+fn turns(session: &Session, line: &[&Sample]) -> f64 {
     let reversals = (0..SLOTS).map(|slot| {
         let ways = line.iter().map(|s| session.moments[s.2].velocity[slot]);
         let signs: Vec<bool> = ways.filter(|v| v.abs() > CREEP).map(|v| v > 0.0).collect();
@@ -67,8 +83,8 @@ fn turns(session: &Session, line: &[&(f64, f64, usize)]) -> f64 {
 }
 
 /// The samples of a run by the direction in which they look; all of them where no direction has enough.
-fn directions<'a>(session: &Session, run: &'a [(f64, f64, usize)]) -> Vec<Vec<&'a (f64, f64, usize)>> {
-    let mut lines: Vec<Vec<&(f64, f64, usize)>> = Vec::new();
+fn directions<'a>(session: &Session, run: &'a [Sample]) -> Vec<Vec<&'a Sample>> {
+    let mut lines: Vec<Vec<&Sample>> = Vec::new();
     for sample in run {
         let u = session.moments[sample.2].u;
         let same = lines.iter().position(|l| session.moments[l[0].2].u.dot(&u) > NEARLY);
@@ -153,8 +169,9 @@ pub fn tone(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
     if low >= high {
         return None;
     }
-    let total: usize = runs.iter().map(|r| r.values.len()).sum();
-    let count = longest.min(WORK / total.max(1)).max(16);
+    let total: usize = runs.iter().map(|r| r.samples).sum();
+    let places: usize = runs.iter().map(|r| r.values.len()).sum();
+    let count = longest.min(WORK / places.max(1)).max(16);
     let frequency = |k: usize| low + (high - low) * k as f64 / count as f64;
     let powers: Vec<f64> =
         (0..count).map(|k| runs.iter().map(|r| periodogram(r, frequency(k))).sum()).collect();
@@ -193,5 +210,5 @@ fn periodogram(run: &Even, f: f64) -> f64 {
         im += v * s;
         (s, c) = (s * dc + c * ds, c * dc - s * ds);
     }
-    (re * re + im * im) / run.values.len() as f64
+    (re * re + im * im) / run.samples as f64
 }

@@ -22,7 +22,7 @@ use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
 use super::moment::Source;
-use super::noise::{beside_repeats, from_partners, is_revisited, lattices, outliers};
+use super::noise::{ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers};
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::Day;
 use super::report::{Cause, Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
@@ -239,6 +239,17 @@ pub(super) fn conclude(
     let mut causes = causes::causes(session, a, &assessed, &parts, &before, &owner, (&beta, &covariance));
     re_expression::mark(session, a, &options.without, &assessed, &mut causes);
     causes.extend(causes::rejected(a, &causes));
+    let noise: Vec<ClassNoise> = a
+        .noise
+        .iter()
+        .zip(&a.reading_um)
+        .map(|(n, white_um)| ClassNoise { white_um: *white_um, ..*n })
+        .collect();
+    // means over several readings show no vibration
+    let are_means = a.comparison.as_ref().is_some_and(|c| c.groups.iter().any(|g| g.len() > 1));
+    let by_reading = are_means.then(|| Filter::new(session, &noise, &a.used));
+    let filter = by_reading.as_ref().unwrap_or(&a.filter);
+    let left_of_readings = by_reading.as_ref().map(|f| f.column(&without_causes));
     causes.extend(stochastic::causes(
         &stochastic::Evidence {
             session,
@@ -246,11 +257,10 @@ pub(super) fn conclude(
             used: &a.used,
             outlying: &a.outlying,
             lattice_um: &a.lattice_um,
-            noise: &a.noise,
-            reading_um: &a.reading_um,
-            rows: &a.problem.rows,
-            left: &left,
-            beside: &a.filter.column(&beside_repeats(session, &a.used, &without_causes)),
+            noise: &noise,
+            rows: by_reading.as_ref().map_or(&a.problem.rows[..], Filter::order),
+            left: left_of_readings.as_ref().unwrap_or(&left),
+            beside: &filter.column(&beside_repeats(session, &a.used, &without_causes)),
             rms_um: rms(&before),
         },
         &options.without,
