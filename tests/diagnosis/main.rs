@@ -8,6 +8,7 @@ mod head;
 mod instruments;
 mod lags;
 mod page;
+mod plans;
 mod points;
 mod real;
 mod rough;
