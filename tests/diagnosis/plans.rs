@@ -1,7 +1,6 @@
 //! Plans of any kind, drawn: one to three axes, feeds, tools, instruments and columns in any combination. Whatever was measured has an
 //! answer, or a refusal that says what is missing.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test writes files and runs the program")]
 
 use core::f64::consts::TAU;
