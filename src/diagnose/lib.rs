@@ -187,10 +187,7 @@ fn analyse(
     tell(0.0, "noise from repeats");
     let gap = session.gap();
     let outlying = noise::outliers(session, &gap, lattice_um);
-    let mut used = vec![true; gap.len()];
-    for i in &outlying {
-        used[*i] = false;
-    }
+    let used = noise::all_but(gap.len(), &outlying);
     let ablation = options.ablation;
     let steady = |mut classes: Vec<ClassNoise>| {
         if !ablation.has_drift() {
@@ -361,8 +358,7 @@ fn compare(
     (gap, lattice_um, white_um): (&[f64], &[f64], &[f64]),
 ) -> Option<Analysis> {
     let mut before = None;
-    let mut ordinary = vec![true; gap.len()];
-    outlying.iter().for_each(|i| ordinary[*i] = false);
+    let ordinary = noise::all_but(gap.len(), outlying);
     for round in 1.. {
         let comparison = evidence::compare(session, &library, gap, &ordinary, white_um)?;
         let chosen: Vec<usize> =
@@ -391,8 +387,7 @@ fn compared(
         comparison.outlying.iter().filter(|(_, w)| *w > (SIGNIFICANT / SURE).powi(2)).map(|(i, _)| *i);
     let mut outlying: Vec<usize> = outlying.iter().copied().chain(found).collect();
     outlying.sort_unstable();
-    let mut used = vec![true; gap.len()];
-    outlying.iter().for_each(|i| used[*i] = false);
+    let used = noise::all_but(gap.len(), &outlying);
     let least = white_um.iter().copied().fold(f64::INFINITY, f64::min);
     let noise: Vec<ClassNoise> = white_um
         .iter()

@@ -28,6 +28,14 @@ pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize
     found
 }
 
+/// True for all of `n` readings but those `outlying`.
+#[must_use]
+pub fn all_but(n: usize, outlying: &[usize]) -> Vec<bool> {
+    let mut used = vec![true; n];
+    outlying.iter().for_each(|i| used[*i] = false);
+    used
+}
+
 /// The reading minus the median of its partners, of two middle ones the nearer: a wild reading among two partners must not make the
 /// others look wild; NaN without one.
 #[must_use]

@@ -6,6 +6,7 @@ use super::super::addition::{Addition, Entry, FORMAT};
 use super::super::decision::Assessed;
 use super::super::library::Shape;
 use super::super::moment::{Signal, Source};
+use super::super::noise::all_but;
 use super::super::offsets::{rms, without_offsets};
 use super::super::session::Session;
 use super::super::{Analysis, Options, is_predictable, raw_of};
@@ -129,8 +130,7 @@ pub(super) fn seen_on(
     outlying: &[usize],
 ) -> (f64, f64) {
     let gap = fresh.gap();
-    let mut used = vec![true; gap.len()];
-    outlying.iter().for_each(|i| used[*i] = false);
+    let used = all_but(gap.len(), outlying);
     for s in a.library.signals() {
         fresh.add_signal(&s);
     }

@@ -91,7 +91,7 @@ impl Joined {
     /// Noise that joins after some other for columns (a matrix row each) and a gap that no noise has whitened.
     pub(super) fn new(noise: LowRank, before: &[Self], w: &DMatrix<f64>, y: &DVector<f64>) -> Self {
         let mut directions = noise.taken();
-        before.iter().rev().for_each(|b| b.turn(directions.as_mut_slice(), false));
+        before.iter().rev().for_each(|b| b.turn(directions.as_mut_slice()));
         let along = product(&w.as_view(), &directions.transpose()).transpose();
         let of_gap = &directions * y;
         Self { noise, directions, along, of_gap }
@@ -101,8 +101,9 @@ impl Joined {
         &self.noise
     }
 
-    pub(super) fn turn(&self, data: &mut [f64], back: bool) {
-        self.noise.turn(data, back);
+    /// Whitens columns by it in place.
+    pub(super) fn turn(&self, data: &mut [f64]) {
+        self.noise.turn(data, false);
     }
 
     /// Takes a column for another one, a value per row of the problem.

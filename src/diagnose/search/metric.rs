@@ -55,17 +55,25 @@ impl Problem {
         let (plain, own) = (&self.plain.cross[&variant], self.columns(variant));
         DMatrix::from_fn(some.len(), own.len(), |i, j| {
             let (a, b) = (some.start + i, own.start + j);
-            let taken: f64 = self.joined.iter().map(|n| n.of_columns([a, b])).sum();
-            self.unit[a] * self.unit[b] * (plain[(a, j)] - taken)
+            self.unit[a] * self.unit[b] * (plain[(a, j)] - self.taken([a, b]))
         })
+    }
+
+    /// What the noise that joined takes of the plain product of two columns.
+    fn taken(&self, columns: [usize; 2]) -> f64 {
+        self.joined.iter().map(|n| n.of_columns(columns)).sum()
+    }
+
+    /// Whitens columns by the noise that joined, a row of values per row of the problem, in place.
+    fn turn(&self, data: &mut [f64]) {
+        self.joined.iter().for_each(|n| n.turn(data));
     }
 
     /// Length, products with the gap and Gram matrix of the columns of a variant beside the noise that joined.
     fn measure(&mut self, variant: usize) {
         let (at, k) = self.span[variant];
-        let taken = |c: [usize; 2]| self.joined.iter().map(|n| n.of_columns(c)).sum::<f64>();
         let plain = &self.plain.own[variant];
-        let mut own: Vec<f64> = (0..k * k).map(|n| plain[n] - taken([at + n / k, at + n % k])).collect();
+        let mut own: Vec<f64> = (0..k * k).map(|n| plain[n] - self.taken([at + n / k, at + n % k])).collect();
         for i in 0..k {
             let c = at + i;
             let length = if own[i * k + i] > LEAST { own[i * k + i].sqrt() } else { 0.0 };
@@ -85,7 +93,7 @@ impl Problem {
     /// Products of some whitened vectors, a value per row of the problem each, with all columns; a matrix column each.
     pub fn products(&self, some: &DMatrix<f64>) -> DMatrix<f64> {
         let mut turned = some.transpose();
-        self.joined.iter().rev().for_each(|n| n.turn(turned.as_mut_slice(), false));
+        self.joined.iter().rev().for_each(|n| n.turn(turned.as_mut_slice()));
         let mut products = product(&self.plain.w.as_view(), &turned.transpose());
         products.row_iter_mut().zip(&self.unit).for_each(|(mut row, unit)| row *= *unit);
         products
@@ -96,7 +104,7 @@ impl Problem {
     pub fn whitened_rows(&self, columns: &[usize]) -> DMatrix<f64> {
         let mut rows = self.plain.w.select_rows(columns);
         rows.row_iter_mut().zip(columns).for_each(|(mut row, c)| row *= self.unit[*c]);
-        self.joined.iter().for_each(|n| n.turn(rows.as_mut_slice(), false));
+        self.turn(rows.as_mut_slice());
         rows
     }
 
@@ -165,8 +173,9 @@ impl Problem {
             self.joined.push(joined);
         }
         self.variation = variation;
-        self.y.copy_from(&self.plain.y);
-        self.joined.iter().for_each(|n| n.turn(self.y.as_mut_slice(), false));
+        let mut y = self.plain.y.clone();
+        self.turn(y.as_mut_slice());
+        self.y = y;
         self.measure_all();
         self.cross.clear();
     }
@@ -184,7 +193,7 @@ impl Problem {
     /// Whitens columns, a row of `width` values per row of the problem, in place.
     pub fn whiten(&self, filter: &Filter, data: &mut [f64], width: usize) {
         filter.apply(data, width);
-        self.joined.iter().for_each(|n| n.turn(data, false));
+        self.turn(data);
     }
 
     /// The same without the variation of effects.
@@ -200,7 +209,7 @@ impl Problem {
             columns.iter().zip(beta).map(|(c, b)| (*c, b * self.unit[*c])).collect();
         let sum = |row: DVectorView<'_, f64>| scaled.iter().map(|(c, b)| row[*c] * b).sum();
         let mut out = DVector::from_iterator(self.len(), self.plain.w.column_iter().map(sum));
-        self.joined.iter().for_each(|n| n.turn(out.as_mut_slice(), false));
+        self.turn(out.as_mut_slice());
         out
     }
 }
