@@ -105,7 +105,7 @@ impl Campaign {
         radius: f64,
         pairs: i64,
     ) {
-        const N: usize = 120;
+        const N: usize = 60;
         for repeat in 1..=2 {
             for (way, direction) in [1.0f64, -1.0].into_iter().enumerate() {
                 self.run += 1;
