@@ -32,6 +32,8 @@ pub struct Data {
     pub reverses: [bool; SLOTS],
     /// Shortest time between a reversal and a reading in motion, s; 0 without any.
     pub soonest_s: [f64; SLOTS],
+    /// The same of the way, mm or rad.
+    pub nearest: [f64; SLOTS],
     /// The force along an axis changes.
     pub forces: [bool; 3],
     /// Some reading looks along the axis.

@@ -181,7 +181,8 @@ fn a_session_becomes_a_report_a_page_and_an_addition() {
         assert_eq!(read(&format!("a/{name}")), read(&format!("b/{name}")), "{name}");
     }
     // the addition closes the gap, as a prediction and in the next diagnosis
-    std::fs::write(d.join("p.csv"), "x_mm,y_mm,dir_x\n100,0,1\n100,0,-1\n").unwrap();
+    std::fs::write(d.join("p.csv"), "x_mm,y_mm,dir_x,since_reversal_x_mm\n100,0,1,90\n100,0,-1,90\n")
+        .unwrap();
     let p = volcomp(
         d,
         &["predict", "--model", "m.toml", "--add", "a/addition.toml", "--points", "p.csv", "--out", "e.csv"],

@@ -38,7 +38,8 @@ pub(super) fn data(s: &Session) -> Data {
         moves: of_axes(&|i| any(&|m| m.velocity[i].abs() > STILL)),
         accelerates: of_axes(&|i| changes(1e3 * STILL, &|m| m.acceleration[i])),
         reverses: of_axes(&|i| spread(&|m| m.direction[i]).is_some_and(|[l, h]| l < 0.0 && h > 0.0)),
-        soonest_s: core::array::from_fn(|i| soonest_s(s, i)),
+        soonest_s: core::array::from_fn(|i| soonest(s, i, |m| m.since_s[i])),
+        nearest: core::array::from_fn(|i| soonest(s, i, |m| m.since_mm[i].abs())),
         forces: core::array::from_fn(|i| changes(STILL, &|m| m.force_n[i])),
         sees: core::array::from_fn(|i| any(&|m| m.u[i].abs() > SEES)),
         positions: Axis::LINEAR
@@ -110,10 +111,10 @@ fn determination(a: &[f64], b: &[f64]) -> f64 {
     if own > 0.0 && other > 0.0 { both * both / (own * other) } else { 0.0 }
 }
 
-/// How long after a reversal of an axis a reading was taken in motion, s: the shortest time, 0 without any.
-fn soonest_s(s: &Session, slot: usize) -> f64 {
-    let moving = s.moments.iter().filter(|m| m.velocity[slot].abs() > STILL && m.since_s[slot].is_finite());
-    moving.map(|m| m.since_s[slot]).reduce(f64::min).unwrap_or(0.0)
+/// How soon after a reversal of an axis a reading was taken in motion, 0 without any.
+fn soonest(s: &Session, slot: usize, since: impl Fn(&Moment) -> f64) -> f64 {
+    let moving = s.moments.iter().filter(|m| m.velocity[slot].abs() > STILL);
+    moving.map(since).filter(|v| v.is_finite()).reduce(f64::min).unwrap_or(0.0)
 }
 
 /// The positions of an axis at some readings, mm, in order, each once.

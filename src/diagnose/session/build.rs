@@ -396,13 +396,12 @@ impl<'a> Part<'a> {
         while first < raw.len() {
             let end = (first..raw.len()).find(|i| self.run[*i] != self.run[first]).unwrap_or(raw.len());
             let mut rows = first..end;
-            let moves = if self.times == Times::Ordinal {
-                Moves::Unknown
-            } else if moving.is_some_and(|m| m[first..end].contains(&1.0))
-                || speeds.iter().any(|v| v[first..end].iter().any(|v| v.abs() > 0.0))
-            {
+            let is_moving = moving.is_some_and(|m| m[first..end].contains(&1.0));
+            let is_stated = is_moving || speeds.iter().any(|v| v[first..end].iter().any(|v| v.abs() > 0.0));
+            let moves = if is_stated && self.times != Times::Ordinal {
                 Moves::Stated
-            } else if moving.is_none() && rows.all(|i| raw.instruments.get(i).is_some_and(|n| is_ballbar(n)))
+            } else if (is_moving || moving.is_none())
+                && rows.all(|i| raw.instruments.get(i).is_some_and(|n| is_ballbar(n)))
             {
                 Moves::OnCircles
             } else {
@@ -434,11 +433,13 @@ impl<'a> Part<'a> {
         let since = stated(format!("since_reversal_{axis}_{length}"));
         let since_s = stated(format!("since_reversal_{axis}_s"));
         let moving = raw.column("moving");
+        let ordinal = self.times == Times::Ordinal;
         let of_control = raw.instruments.first().is_some_and(|n| is_encoder(n));
         let (mut derived, mut fast_rows, mut any_fast, mut any_circle) =
             (vec![0.0; raw.len()], vec![false; raw.len()], false, false);
         for Run { samples, in_motion, circle } in runs {
-            let fast = *in_motion;
+            // no speed follows from an order
+            let fast = *in_motion && !ordinal;
             let places: Vec<f64> = samples.iter().map(|s| position[s.first]).collect();
             // an axis of the control's own encoders turns round later than on the circle of its commands
             let circle = circle.as_ref().filter(|_| axis.is_linear() && !of_control);
@@ -446,9 +447,9 @@ impl<'a> Part<'a> {
             any_fast |= fast;
             any_circle |= circle.is_some();
             let (v, a) = match circle {
-                Some(circle) => circle.derivatives(),
-                None if fast => motion::derivatives(samples, &places),
-                None => (vec![0.0; samples.len()], vec![0.0; samples.len()]),
+                Some(circle) if fast => circle.derivatives(),
+                _ if fast => motion::derivatives(samples, &places),
+                _ => (vec![0.0; samples.len()], vec![0.0; samples.len()]),
             };
             if fast && axis.is_linear() {
                 let velocities = &mut self.velocities[slot];
@@ -475,7 +476,7 @@ impl<'a> Part<'a> {
             };
             let travel = match circle {
                 Some(circle) => circle.travel(samples, given.as_deref()),
-                None => motion::travel(samples, &reached, given.as_deref(), fast),
+                None => motion::travel(samples, &reached, given.as_deref(), *in_motion),
             };
             for (k, s) in samples.iter().enumerate() {
                 for i in s.first..s.end {
@@ -489,7 +490,6 @@ impl<'a> Part<'a> {
                     m.direction[slot] = travel.direction[k];
                     m.since_mm[slot] = given_or(since, i, travel.since[k]) * unit;
                     // no duration holds in ordinal times: a reading at rest was taken long after the reversal
-                    let ordinal = self.times == Times::Ordinal;
                     let derived_s = if ordinal { f64::INFINITY } else { travel.since_s[k] };
                     m.since_s[slot] = given_or(since_s, i, derived_s);
                 }

@@ -28,10 +28,11 @@ pub(super) fn backlash(data: &Data, of: &Subject) -> Variants {
     let mut shapes: Vec<Shape> =
         [false, true].into_iter().flat_map(|slope| grid(axis, &[axis], slope)).collect();
     if data.encoders_only || data.moves[axis.slot()] {
-        // read while the play is crossed
+        // read while the play is crossed: what every reading has crossed already is a step
+        let nearest = data.nearest[axis.slot()];
         let play =
             |length_mm| Backlash { axis, along: vec![axis], length_mm, slope: false, play: true }.into();
-        shapes.extend(PLAYS.map(play));
+        shapes.extend(PLAYS.into_iter().filter(|p| *p > nearest).map(play));
     }
     Ok(shapes)
 }

@@ -54,6 +54,7 @@ fn all_data() -> Data {
         accelerates: [true; SLOTS],
         reverses: [true; SLOTS],
         soonest_s: [0.0; SLOTS],
+        nearest: [0.0; SLOTS],
         forces: [true; 3],
         sees: [true; 3],
         positions: core::array::from_fn(|_| (-300..=300).map(f64::from).collect()),
