@@ -1,4 +1,6 @@
-//! Single wild readings, from repeats or from neighbours.
+//! Single wild readings, from repeats, on the path of a ballbar from neighbours.
+
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::constants::{FEW, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
@@ -6,8 +8,10 @@ use super::{MAD, median, repeats_of};
 
 /// Readings on both sides whose median is taken as the slow part.
 const NEIGHBOURS: usize = 4;
+/// Readings before and behind that a line on a path goes through.
+const REACH: usize = 2;
 
-/// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats. `lattice_um` is the
+/// Readings that lie apart from their partners in other repeats, or from the path of their ballbar, beyond the slow drift between repeats. `lattice_um` is the
 /// rounding of each class: what lies a step apart is rounded, not wild.
 #[must_use]
 pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize> {
@@ -59,30 +63,53 @@ pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> 
     out
 }
 
-fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<usize> {
-    let mut found: Vec<usize> = by_class(session, gap, lattice_um, used)
-        .into_iter()
-        .flatten()
-        .filter(|(_, d)| d.abs() > OUTLYING)
-        .map(|(i, _)| i)
-        .collect();
-    // beside a wild reading its partners look wrong, too
-    found.retain(|i| is_the_wild_one(session, gap, used, *i));
-    found
+/// The reading of a ballbar minus the line through the two before it in its run, or through the two behind, whichever is nearer; NaN at
+/// the ends of a run and soon after a reversal, where the path itself may jump.
+fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
+    let mut runs: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    let of_ballbar = |i: &usize| used[*i] && session.moments[*i].is_ballbar;
+    for i in (0..gap.len()).filter(of_ballbar) {
+        runs.entry(session.readings[i].run).or_default().push(i);
+    }
+    let mut out = vec![f64::NAN; gap.len()];
+    for w in runs.values().flat_map(|rows| rows.windows(2 * REACH + 1)) {
+        let i = w[2];
+        if session.moments[w[0]].direction == session.moments[i].direction {
+            let [before, behind] =
+                [[w[1], w[0]], [w[3], w[4]]].map(|[near, far]| gap[i] - 2.0 * gap[near] + gap[far]);
+            out[i] = if before.abs() < behind.abs() { before } else { behind };
+        }
+    }
+    out
 }
 
-/// How far readings lie from their partners beyond the slow part, in robust standard deviations of their class, class by class.
+fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<usize> {
+    let apart = by_class(session, gap, lattice_um, used).into_iter().flatten();
+    let found: BTreeSet<usize> = apart.filter(|(_, d)| d.abs() > OUTLYING).map(|(i, _)| i).collect();
+    // beside a wild reading its partners look wrong, too
+    let is_wild = |i: &usize| is_the_wild_one(session, gap, used, *i, &found);
+    found.iter().copied().filter(is_wild).collect()
+}
+
+/// How far readings lie from their partners, or in a class that has few from their path, beyond the slow part, in robust standard
+/// deviations of their class, class by class.
 fn by_class(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<Vec<(usize, f64)>> {
-    let apart = from_partners(session, gap, used);
+    let (apart, off_path) = (from_partners(session, gap, used), from_path(session, gap, used));
     let of = |class: usize| {
-        let rows: Vec<usize> = (0..gap.len())
-            .filter(|i| session.readings[*i].instrument == class && apart[*i].is_finite())
-            .collect();
+        let rows_of = |apart: &[f64]| -> Vec<usize> {
+            let is_seen = |i: &usize| session.readings[*i].instrument == class && apart[*i].is_finite();
+            (0..gap.len()).filter(is_seen).collect()
+        };
+        let (mut rows, path) = (rows_of(&apart), rows_of(&off_path));
+        let detrended: Vec<f64> = if rows.len() >= 2 * FEW {
+            (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k)).collect()
+        } else {
+            rows = path;
+            rows.iter().map(|i| off_path[*i]).collect()
+        };
         if rows.len() < 2 * FEW {
             return Vec::new();
         }
-        let detrended: Vec<f64> =
-            (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k)).collect();
         let mut sizes: Vec<f64> = detrended.iter().map(|v| v.abs()).collect();
         let sigma = (MAD * median(&mut sizes)).max(lattice_um[class] / 6f64.sqrt());
         if sigma > 0.0 {
@@ -173,11 +200,15 @@ fn slow(session: &Session, apart: &[f64], rows: &[usize], k: usize) -> f64 {
 }
 
 /// True where a reading is the wild one among its partners that are `used`: the farthest from their common median, or of two the one
-/// that lies apart from its neighbours in the run.
-fn is_the_wild_one(session: &Session, gap: &[f64], used: &[bool], i: usize) -> bool {
-    let Some(pair) = session.readings[i].pair else { return true };
-    let together: Vec<usize> =
-        (0..gap.len()).filter(|j| used[*j] && session.readings[*j].pair == Some(pair)).collect();
+/// that lies apart from its neighbours in the run; of a path among those nearby that were `found`.
+fn is_the_wild_one(session: &Session, gap: &[f64], used: &[bool], i: usize, found: &BTreeSet<usize>) -> bool {
+    let pair = session.readings[i].pair;
+    let is_partner = |j: &usize| used[*j] && pair.is_some() && session.readings[*j].pair == pair;
+    let mut together: Vec<usize> = (0..gap.len()).filter(is_partner).collect();
+    if together.len() < 2 {
+        together = found.range(i.saturating_sub(REACH)..=i + REACH).copied().collect();
+        return together.iter().all(|j| bend(session, gap, i) >= bend(session, gap, *j));
+    }
     let middle = median(&mut together.iter().map(|j| gap[*j]).collect::<Vec<f64>>());
     let apart = |j: usize| {
         if together.len() > 2 { (gap[j] - middle).abs() } else { bend(session, gap, j) }
