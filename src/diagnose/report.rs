@@ -131,6 +131,9 @@ pub struct Cause {
     pub declared: bool,
     /// What these data cannot tell apart from it.
     pub confounded_with: Vec<String>,
+    /// That it is this effect or one of those.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub group_probability: Option<f64>,
     /// Effects that this cause says again, alone or together with other causes marked so: equal lags of all axes a common
     /// delay, and whatever was taken out of the library.
     #[serde(skip_serializing_if = "Vec::is_empty")]

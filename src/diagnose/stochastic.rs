@@ -56,6 +56,7 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
         probability,
         declared: true,
         confounded_with: Vec::new(),
+        group_probability: None,
         re_expression_of: Vec::new(),
         sources: Vec::new(),
         parameters: parameters

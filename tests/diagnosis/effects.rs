@@ -386,6 +386,8 @@ fn one_circle_at_one_feed_answers_with_a_set() {
         assert!(class.contains(&"scale:y".to_owned()), "{}", table(r));
         assert!(class.contains(&"inertial:y".to_owned()) && c.probability < 0.9, "{}", table(r));
     }
+    let declared = r.causes.iter().find(|c| c.declared).unwrap();
+    assert!(declared.group_probability.unwrap() > 0.95, "the set as a whole is sure: {}", table(r));
     let mut s = session(&Campaign::ballbar_only(), &truth, NOISE);
     let p = volcomp::diagnose::plan(&mut s, &[]);
     assert!(

@@ -262,6 +262,12 @@ pub(super) fn capital(text: &str) -> String {
     letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
 }
 
+/// That it is a declared cause or one of those that are not separable from it.
+pub(super) fn of_group(c: &Cause) -> String {
+    let stated = c.group_probability.filter(|_| c.declared);
+    stated.map_or_else(String::new, |p| format!("; probability of the group {}", number(p, 2)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

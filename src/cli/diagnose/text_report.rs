@@ -9,7 +9,7 @@ use volcomp_diagnose::report::Cause;
 use volcomp_diagnose::session::Session;
 
 use super::terms::{
-    Compensable, headline, name, parameters, peak_to_valley, percent, remedy, um, with_uncertainty,
+    Compensable, headline, name, of_group, parameters, peak_to_valley, percent, remedy, um, with_uncertainty,
 };
 
 /// Drift below this share of the noise hides nothing.
@@ -184,7 +184,7 @@ fn unidentifiable(found: &Diagnosis) {
 
 fn doubts(c: &Cause) {
     if !c.confounded_with.is_empty() {
-        say!("      not separable from {}", c.confounded_with.join(", "));
+        say!("      not separable from {}{}", c.confounded_with.join(", "), of_group(c));
     }
     if !c.re_expression_of.is_empty() {
         say!("      equivalent here to {}", c.re_expression_of.join(" or "));

@@ -70,6 +70,7 @@ pub(super) fn causes(
             } else {
                 Vec::new()
             },
+            group_probability: None,
             re_expression_of: Vec::new(),
             sources: Vec::new(),
             parameters: BTreeMap::new(),
@@ -101,6 +102,7 @@ fn cause(x: &Assessed, a: &Analysis, parameters: BTreeMap<String, Value>, shrink
         probability: x.probability,
         declared: x.is_declared(),
         confounded_with: x.same.iter().map(ToString::to_string).collect(),
+        group_probability: (!x.same.is_empty()).then_some(x.group_probability),
         re_expression_of: Vec::new(),
         sources,
         parameters,

@@ -88,6 +88,7 @@ pub(super) fn drift(session: &Session, a: &Analysis) -> Option<Cause> {
         probability: DRIFT_PROBABILITY,
         declared: false,
         confounded_with: Vec::new(),
+        group_probability: None,
         re_expression_of: Vec::new(),
         sources: Vec::new(),
         parameters: [

@@ -12,8 +12,8 @@ use volcomp_diagnose::session::Session;
 use charts::Figure;
 
 use super::terms::{
-    Compensable, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent, remedy,
-    um, with_names, with_uncertainty,
+    Compensable, capital, headline, name, name_of_label, number, of_group, parameters, peak_to_valley,
+    percent, remedy, um, with_names, with_uncertainty,
 };
 
 /// Least probability of a cause that is not declared and gets a picture.
@@ -151,7 +151,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable) -> Vec<Cel
     }
     if !c.confounded_with.is_empty() {
         let names = c.confounded_with.iter().map(|l| name_of_label(l)).joined(", ");
-        last.push(format!("not separable here from: {names}"));
+        last.push(format!("not separable here from: {names}{}", of_group(c)));
     }
     if !c.re_expression_of.is_empty() {
         last.push(format!("equivalent here to {}", c.re_expression_of.join(" or ")));
