@@ -104,7 +104,7 @@ fn circles(spike_um: f64, every: usize) -> (String, BTreeSet<usize>) {
             let (x, y) = (100.0 * cos, 100.0 * sin);
             row += 1;
             let since_deg = angle_deg % 90.0;
-            let mut read_um = spike_um * (-since_deg / 3.0).exp() + NOISE_UM * noise();
+            let mut read_um = spike_um * (-since_deg / 1.5).exp() + NOISE_UM * noise();
             if row % every == every / 2 {
                 wild.insert(row + 1);
                 read_um += if wild.len() % 2 == 0 { 20.0 } else { -20.0 } * NOISE_UM;
@@ -134,7 +134,7 @@ fn wild_readings_of_a_circle_without_repeats_lie_off_its_path() {
     let noise_um = r["gap"]["noise_um"].as_f64().unwrap();
     assert!((0.4..0.65).contains(&noise_um), "{noise_um}");
 
-    let (table, _) = circles(12.0 * NOISE_UM, usize::MAX);
+    let (table, _) = circles(60.0 * NOISE_UM, usize::MAX);
     let r = diagnosed(&table, &[]);
     assert!(listed(&r).is_empty() && !declared(&r).contains("outliers:"), "{}", r["outlying_readings"]);
 }
