@@ -92,8 +92,9 @@ fn noise_has_no_wild_readings() {
     }
 }
 
-/// A circle of 100 mm to and fro, each once, with a spike of `spike_um` at the reversals, and the lines of its wild readings.
-fn circles(spike_um: f64, every: usize) -> (String, BTreeSet<usize>) {
+/// A circle of 100 mm to and fro, each once, with a spike of `spike_um` at the reversals and a worn place of `worn_um` between them, and
+/// the lines of its wild readings.
+fn circles([spike_um, worn_um]: [f64; 2], every: usize) -> (String, BTreeSet<usize>) {
     let mut noise = normal(11);
     let mut table = "t_s,instrument,setup,run,repeat,x_mm,y_mm,u_x,u_y,u_z,moving,deviation_um\n".to_owned();
     let (mut wild, mut row) = (BTreeSet::new(), 0);
@@ -104,7 +105,8 @@ fn circles(spike_um: f64, every: usize) -> (String, BTreeSet<usize>) {
             let (x, y) = (100.0 * cos, 100.0 * sin);
             row += 1;
             let since_deg = angle_deg % 90.0;
-            let mut read_um = spike_um * (-since_deg / 1.5).exp() + NOISE_UM * noise();
+            let worn = (-0.5 * ((angle_deg - 45.0) / 4.0).powi(2)).exp();
+            let mut read_um = spike_um * (-since_deg / 1.5).exp() + worn_um * worn + NOISE_UM * noise();
             if row % every == every / 2 {
                 wild.insert(row + 1);
                 read_um += if wild.len() % 2 == 0 { 20.0 } else { -20.0 } * NOISE_UM;
@@ -122,10 +124,10 @@ fn listed(r: &Value) -> BTreeSet<usize> {
     r["outlying_readings"].as_array().unwrap().iter().map(line).collect()
 }
 
-/// A circle has no repeats, but a path: wild readings lie off it; a spike at a reversal is part of it.
+/// A circle has no repeats, but a path: wild readings lie off it; a spike at a reversal and a worn place are part of it.
 #[test]
 fn wild_readings_of_a_circle_without_repeats_lie_off_its_path() {
-    let (table, wild) = circles(0.0, 17);
+    let (table, wild) = circles([0.0; 2], 17);
     let r = diagnosed(&table, &[]);
     let found = listed(&r);
     // the first readings after a reversal are not judged
@@ -134,7 +136,7 @@ fn wild_readings_of_a_circle_without_repeats_lie_off_its_path() {
     let noise_um = r["gap"]["noise_um"].as_f64().unwrap();
     assert!((0.4..0.65).contains(&noise_um), "{noise_um}");
 
-    let (table, _) = circles(60.0 * NOISE_UM, usize::MAX);
+    let (table, _) = circles([60.0 * NOISE_UM, 80.0 * NOISE_UM], usize::MAX);
     let r = diagnosed(&table, &[]);
     assert!(listed(&r).is_empty() && !declared(&r).contains("outliers:"), "{}", r["outlying_readings"]);
 }

@@ -63,8 +63,9 @@ pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> 
     out
 }
 
-/// The reading of a ballbar minus the line through the two before it in its run, or through the two behind, whichever is nearer; NaN at
-/// the ends of a run and soon after a reversal, where the path itself may jump.
+/// The reading of a ballbar minus the line through the two before it in its run, the line through the two behind, or the cubic through
+/// all four, whichever is nearest: a step or a bump of the path is none of its readings'. NaN at the ends of a run and soon after a
+/// reversal, where the path itself may be sharp.
 fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
     let mut runs: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     let of_ballbar = |i: &usize| used[*i] && session.moments[*i].is_ballbar;
@@ -75,9 +76,11 @@ fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
     for w in runs.values().flat_map(|rows| rows.windows(2 * REACH + 1)) {
         let i = w[2];
         if session.moments[w[0]].direction == session.moments[i].direction {
-            let [before, behind] =
-                [[w[1], w[0]], [w[3], w[4]]].map(|[near, far]| gap[i] - 2.0 * gap[near] + gap[far]);
-            out[i] = if before.abs() < behind.abs() { before } else { behind };
+            let [two_before, before, _, behind, two_behind] = [0, 1, 2, 3, 4].map(|k| gap[w[k]]);
+            let cubic = (4.0 * (before + behind) - two_before - two_behind) / 6.0;
+            let expected = [2.0 * before - two_before, 2.0 * behind - two_behind, cubic];
+            let apart = expected.map(|e| gap[i] - e);
+            out[i] = apart.into_iter().min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(f64::NAN);
         }
     }
     out
