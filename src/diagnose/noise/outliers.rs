@@ -11,8 +11,8 @@ const NEIGHBOURS: usize = 4;
 /// Readings before and behind that a line on a path goes through.
 const REACH: usize = 2;
 
-/// Readings that lie apart from their partners in other repeats, or from the path of their ballbar, beyond the slow drift between repeats. `lattice_um` is the
-/// rounding of each class: what lies a step apart is rounded, not wild.
+/// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats, or from the path of their
+/// ballbar. `lattice_um` is the rounding of each class: what lies a step apart is rounded, not wild.
 #[must_use]
 pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize> {
     // those marked in the file come first: beside them the others are judged
@@ -103,11 +103,11 @@ fn by_class(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -
             let is_seen = |i: &usize| session.readings[*i].instrument == class && apart[*i].is_finite();
             (0..gap.len()).filter(is_seen).collect()
         };
-        let (mut rows, path) = (rows_of(&apart), rows_of(&off_path));
+        let mut rows = rows_of(&apart);
         let detrended: Vec<f64> = if rows.len() >= 2 * FEW {
             (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k)).collect()
         } else {
-            rows = path;
+            rows = rows_of(&off_path);
             rows.iter().map(|i| off_path[*i]).collect()
         };
         if rows.len() < 2 * FEW {
@@ -207,10 +207,10 @@ fn slow(session: &Session, apart: &[f64], rows: &[usize], k: usize) -> f64 {
 fn is_the_wild_one(session: &Session, gap: &[f64], used: &[bool], i: usize, found: &BTreeSet<usize>) -> bool {
     let pair = session.readings[i].pair;
     let is_partner = |j: &usize| used[*j] && pair.is_some() && session.readings[*j].pair == pair;
-    let mut together: Vec<usize> = (0..gap.len()).filter(is_partner).collect();
+    let together: Vec<usize> = (0..gap.len()).filter(is_partner).collect();
     if together.len() < 2 {
-        together = found.range(i.saturating_sub(REACH)..=i + REACH).copied().collect();
-        return together.iter().all(|j| bend(session, gap, i) >= bend(session, gap, *j));
+        let mut nearby = found.range(i.saturating_sub(REACH)..=i + REACH);
+        return nearby.all(|j| bend(session, gap, i) >= bend(session, gap, *j));
     }
     let middle = median(&mut together.iter().map(|j| gap[*j]).collect::<Vec<f64>>());
     let apart = |j: usize| {

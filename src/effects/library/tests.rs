@@ -389,3 +389,18 @@ fn tables_of_a_process_hold_every_value_of_their_targets_and_those_from_a_line_n
         assert_eq!(at(90.0), rows[5]);
     }
 }
+
+#[test]
+fn play_that_every_reading_has_crossed_is_a_step() {
+    let backlash = EFFECTS.iter().find(|e| e.name == "backlash").unwrap();
+    let subject = backlash.subjects.all().into_iter().find(|s| s.axis == Axis::X).unwrap();
+    let plays = |nearest: f64| -> Vec<f64> {
+        let data = Data { nearest: [nearest; SLOTS], ..all_data() };
+        let shapes = (backlash.variants)(&data, &subject).unwrap();
+        let play = |s: &Shape| if let Shape::Backlash(b) = s { b.play.then_some(b.length_mm) } else { None };
+        shapes.iter().filter_map(play).collect()
+    };
+    assert_eq!(plays(0.0).len(), 16);
+    assert_eq!(plays(0.05), [0.07, 0.1]);
+    assert!(plays(0.2).is_empty());
+}

@@ -158,6 +158,22 @@ fn an_axis_at_its_vertex_has_not_turned_yet() {
     assert!(s.moments[19].since_mm[2] > 0.3 && s.moments[19].since_mm[2] < 0.4);
 }
 
+/// Directions and ways are those of the angle, too, where the times are an order; no speed follows from one.
+#[test]
+fn in_ordinal_times_a_circle_has_directions_and_no_velocities() {
+    let ballbar = Ballbar::is(72, 0.5);
+    let timed = build(ballbar.raw("ballbar")).unwrap();
+    let mut raw = ballbar.raw("ballbar");
+    raw.columns[0] = (0..raw.len()).map(|i| i as f64).collect();
+    raw.times = Some(Times::Ordinal);
+    let ordered = build(raw).unwrap();
+    for (a, b) in timed.moments.iter().zip(&ordered.moments) {
+        assert_eq!((a.direction, a.since_mm), (b.direction, b.since_mm));
+        assert_eq!((b.velocity, b.acceleration), ([0.0; 6], [0.0; 6]));
+        assert_eq!(b.since_s[1], f64::INFINITY);
+    }
+}
+
 #[test]
 fn notes_say_what_was_derived_and_nothing_else() {
     let derived = |raw: Raw| {
