@@ -1,14 +1,22 @@
-//! What another day changes in the shrink of a gap, beside its own white noise: drift takes another course, and what
-//! temperatures cause is as large as the day is warm.
+//! What another day changes in the shrink of a gap, beside its own white noise: drift takes another course, what temperatures
+//! cause is as large as the day is warm, and a ballbar is set to another length.
 
 use super::constants::NINETY;
+use super::library::Shape;
+use super::moment::Source;
 use super::noise::ClassNoise;
 use super::offsets::without_offsets;
 use super::session::Session;
 use volcomp_model::geometry::Vec3;
 
-/// Size of what temperatures cause on other days, as multiples of that of this one.
-const WARMTH: [f64; 2] = [0.3, 1.5];
+/// Size on other days of what changes with the day, as multiples of that of this one.
+pub(super) const CHANGE: [f64; 2] = [0.3, 1.5];
+
+/// True for what has another size on another day: what a temperature drives, and the length of a ballbar.
+pub(super) fn changes_with_the_day(shape: &Shape) -> bool {
+    matches!(shape, Shape::BallbarLength(_))
+        || shape.signals().iter().any(|s| matches!(s.source, Source::Temperature(_)))
+}
 
 /// What is known of this day.
 pub(super) struct Day<'a> {
@@ -17,8 +25,8 @@ pub(super) struct Day<'a> {
     pub(super) noise: &'a [ClassNoise],
     /// What all causes do together, um per row.
     pub(super) causes: Vec<f64>,
-    /// What those of them do that a temperature drives.
-    pub(super) warmth: Vec<f64>,
+    /// What those of them do that change with the day.
+    pub(super) changing: Vec<f64>,
 }
 
 impl Day<'_> {
@@ -32,12 +40,12 @@ impl Day<'_> {
         // drift is in both; a chance agreement of drift and effect is in the gap before only
         let both = own * (1.0 / after - 1.0 / before).powi(2);
         let drift = NINETY * 0.5 * root * (both + cross / (before * before)).sqrt();
-        let warmth = mean_square(&without_offsets(self.session, &self.warmth, self.used));
+        let changing = mean_square(&without_offsets(self.session, &self.changing, self.used));
         let with = |factor: f64| {
-            let other = (before + (factor * factor - 1.0) * warmth).max(after);
+            let other = (before + (factor * factor - 1.0) * changing).max(after);
             (root - (after / other).sqrt()).abs()
         };
-        WARMTH.map(|f| drift.hypot(with(f)))
+        CHANGE.map(|f| drift.hypot(with(f)))
     }
 
     /// Variance of the mean square of another day's drift, and of twice its mean product with the causes, um^4; what the

@@ -248,6 +248,29 @@ fn a_wrong_length_is_that_of_the_ballbar() {
     }
 }
 
+/// On another day the bar is set to another length, which is measured there.
+#[test]
+fn a_ballbar_set_anew_on_another_day_shrinks_as_forecast() {
+    let directory = tempfile::tempdir().unwrap();
+    let day = |length_um: f64, seed: u64| {
+        let truth = Truth { length_um, backlash_um: [0.0, 4.0], ..Truth::default() };
+        let path = directory.path().join(format!("{seed}.csv"));
+        std::fs::write(&path, truth.circles(&[1000.0], CENTRE, 0.3, seed)).unwrap();
+        path
+    };
+    let first = day(-5.0, 31);
+    for (length_um, seed) in [(-4.0, 32), (2.0, 33), (6.0, 34)] {
+        let fresh = day(length_um, seed);
+        let centre = format!("--centre-mm={},{},-250", CENTRE[0], CENTRE[1]);
+        let options = ["--radius-mm", "150", "--plane", "xy", &centre, "--fresh", fresh.to_str().unwrap()];
+        let (report, _) = diagnose(&first, &options);
+        let seen = &report["fresh"];
+        let after_um = seen["rms_after_um"].as_f64().unwrap();
+        assert!((0.25..0.35).contains(&after_um), "{length_um}: {seen}");
+        assert_eq!(seen["within_forecast"], true, "{length_um}: {seen}, {}", report["shrink"]);
+    }
+}
+
 /// A bar that grows warm in the hand is a drift and makes no errors of the machine.
 #[test]
 fn a_ballbar_that_grows_names_no_error_of_the_machine() {

@@ -121,7 +121,7 @@ pub(super) fn not_seen_on(fresh: &mut Session, a: &Analysis, assessed: &[Assesse
         .collect()
 }
 
-/// RMS of fresh data without and with the causes declared, beside the readings `outlying`.
+/// RMS of fresh data without and with the causes declared, beside the readings `outlying`; the length of a ballbar is estimated anew.
 pub(super) fn seen_on(
     fresh: &mut Session,
     a: &Analysis,
@@ -141,11 +141,13 @@ pub(super) fn seen_on(
         .iter()
         .flat_map(|v| a.problem.span[*v].0..a.problem.span[*v].0 + a.problem.span[*v].1)
         .collect();
+    let shape = |x: &Assessed| &a.library.variants[x.variant].shape;
+    let is_length = |x: &Assessed| matches!(shape(x), Shape::BallbarLength(_));
     let mut after = gap.clone();
     for (j, values) in raw.iter().enumerate() {
         let x = &assessed[owner[j]];
-        // the clock of other files says nothing of this one's
-        let foreign = matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. });
+        // the clock and the bar of other files say nothing of this one's
+        let foreign = is_length(x) || matches!(shape(x), Shape::ClockSkew { .. });
         let norm = a.problem.norm[columns[j]];
         if x.is_declared() && !foreign && norm > 0.0 {
             for (v, r) in after.iter_mut().zip(values) {
@@ -153,5 +155,26 @@ pub(super) fn seen_on(
             }
         }
     }
-    (rms(&without_offsets(fresh, &gap, &used)), rms(&without_offsets(fresh, &after, &used)))
+    let before = without_offsets(fresh, &gap, &used);
+    let mut after = without_offsets(fresh, &after, &used);
+    if assessed.iter().any(|x| x.is_declared() && is_length(x)) {
+        remove_lengths(fresh, &mut after, &used);
+    }
+    (rms(&before), rms(&after))
+}
+
+/// `left` (um, without offsets) without the length of the bar that is best for each setup of a ballbar.
+fn remove_lengths(session: &Session, left: &mut [f64], used: &[bool]) {
+    let along: Vec<f64> = session.moments.iter().map(|m| f64::from(u8::from(m.is_ballbar))).collect();
+    let along = without_offsets(session, &along, used);
+    for setup in 0..session.setups.len() {
+        let rows: Vec<usize> =
+            (0..left.len()).filter(|i| used[*i] && session.readings[*i].setup == setup).collect();
+        let product = |v: &[f64]| rows.iter().map(|i| along[*i] * v[*i]).sum::<f64>();
+        let (length_um, weight) = (product(left), product(&along));
+        // short arcs do not tell a length from an offset
+        if weight > 1e-6 * rows.len() as f64 {
+            rows.iter().for_each(|i| left[*i] -= length_um / weight * along[*i]);
+        }
+    }
 }

@@ -21,10 +21,9 @@ use super::decision::{Assessed, Evidence, HeldOut, Reason, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
-use super::moment::Source;
 use super::noise::{ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers};
 use super::offsets::{residuals, rms, without_offsets};
-use super::prediction_interval::Day;
+use super::prediction_interval::{Day, changes_with_the_day};
 use super::report::{Cause, Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
 use super::residual_structure::structure;
 use super::session::Session;
@@ -132,11 +131,8 @@ fn day<'a>(
         }
         out
     };
-    let is_warm = |x: &Assessed| {
-        let signals = a.library.variants[x.variant].shape.signals();
-        signals.iter().any(|s| matches!(s.source, Source::Temperature(_)))
-    };
-    Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), warmth: sum(&is_warm) }
+    let changes = |x: &Assessed| changes_with_the_day(&a.library.variants[x.variant].shape);
+    Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), changing: sum(&changes) }
 }
 
 /// The whitened gap beside what is declared. A discrepancy, and the variation of an effect that is not declared, are no noise.
