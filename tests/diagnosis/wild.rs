@@ -143,6 +143,59 @@ fn wild_readings_of_a_circle_without_repeats_lie_off_its_path() {
     }
 }
 
+/// A cyclic error that circles sample coarsely bends sooner than a cubic: the scatter about the path is then as large.
+#[test]
+fn a_wave_sampled_coarsely_is_no_wild_reading() {
+    let mut noise = normal(12);
+    let mut table = "t_s,instrument,setup,run,repeat,x_mm,y_mm,u_x,u_y,u_z,moving,deviation_um\n".to_owned();
+    for (run, sign) in [(1, 1.0), (2, -1.0)] {
+        for k in 0..120 {
+            let (sin, cos) = (sign * (3.0 * f64::from(k) + 1.5).to_radians()).sin_cos();
+            let (x, y) = (100.0 * cos, 100.0 * sin);
+            let read_um =
+                24.0 * NOISE_UM * (y * std::f64::consts::TAU / 10.0).sin() * sin + NOISE_UM * noise();
+            let t = 0.2 * f64::from(k) + 100.0 * f64::from(run);
+            writeln!(table, "{t:.2},ballbar,1,{run},1,{x:.4},{y:.4},{cos:.6},{sin:.6},0,1,{read_um:.3}")
+                .unwrap();
+        }
+    }
+    let r = diagnosed(&table, &[]);
+    assert!(listed(&r).is_empty(), "{}", r["outlying_readings"]);
+    assert!(declared(&r).contains("cyclic:y"), "{}", r["causes"]);
+}
+
+/// Three probes at a standing spindle that grows, in each of which every 17th reading is wild: neighbours in time tell them.
+#[test]
+fn wild_readings_at_standstill_lie_off_their_neighbours_in_time() {
+    let mut noise = normal(13);
+    let header = "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,u_x,u_y,u_z,spindle_rpm,deviation_um\n";
+    let mut table = header.to_owned();
+    let (mut wild, mut row) = (BTreeSet::new(), 0);
+    for k in 0..180 {
+        let warm = 1.0 - (-f64::from(k) / 40.0).exp();
+        for (axis, growth_um) in [1.0, 3.0, 30.0].into_iter().enumerate() {
+            row += 1;
+            let mut read_um = growth_um * warm + NOISE_UM * noise();
+            if row % 17 == 8 && (3..177).contains(&k) {
+                wild.insert(row + 1);
+                read_um += if wild.len() % 2 == 0 { 25.0 } else { -25.0 } * NOISE_UM;
+            }
+            let u = [0, 1, 2].map(|i| u8::from(i == axis));
+            let rpm = if k == 0 { 0 } else { 12_000 };
+            let t = 60 * k;
+            writeln!(table, "{t},probe,1,1,1,200,100,-300,{},{},{},{rpm},{read_um:.3}", u[0], u[1], u[2])
+                .unwrap();
+        }
+    }
+    let r = diagnosed(&table, &[]);
+    let found = listed(&r);
+    assert!(wild.is_subset(&found) && found.len() <= wild.len() + 3, "{wild:?} but {found:?}");
+    let causes = declared(&r);
+    assert!(causes.contains("outliers:") && causes.contains("spindle-growth:"), "{causes:?}");
+    let noise_um = r["gap"]["noise_um"].as_f64().unwrap();
+    assert!((0.4..0.65).contains(&noise_um), "{noise_um}");
+}
+
 /// A display of 3 um above noise of 1 um: three values are read in any order, without repeats, whatever the length of the bar.
 #[test]
 fn a_coarse_display_is_seen_without_repeats() {

@@ -4,6 +4,7 @@
 mod classes;
 mod filter;
 mod outliers;
+mod path;
 mod quantisation;
 mod random;
 mod range;

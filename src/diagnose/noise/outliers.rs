@@ -1,18 +1,17 @@
-//! Single wild readings, from repeats, on the path of a ballbar from neighbours.
+//! Single wild readings, from repeats; where there are none, on the path of a ballbar and at standstill, from neighbours.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use super::super::constants::{FEW, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
+use super::path::{REACH, from_path};
 use super::{MAD, median, repeats_of};
 
 /// Readings on both sides whose median is taken as the slow part.
 const NEIGHBOURS: usize = 4;
-/// Readings before and behind that a line on a path goes through.
-const REACH: usize = 2;
 
-/// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats, or from the path of their
-/// ballbar. `lattice_um` is the rounding of each class: what lies a step apart is rounded, not wild.
+/// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats, or from the path of a
+/// ballbar or of a series at standstill. `lattice_um` is the rounding of each class: what lies a step apart is rounded, not wild.
 #[must_use]
 pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize> {
     // those marked in the file come first: beside them the others are judged
@@ -63,65 +62,55 @@ pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> 
     out
 }
 
-/// The reading of a ballbar minus the line through the two before it in its run, the line through the two behind, or the cubic through
-/// all four, whichever is nearest: a step or a bump of the path is none of its readings'. NaN at the ends of a run and soon after a
-/// reversal, where the path itself may be sharp.
-fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
-    let mut runs: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    let of_ballbar = |i: &usize| used[*i] && session.moments[*i].is_ballbar;
-    for i in (0..gap.len()).filter(of_ballbar) {
-        runs.entry(session.readings[i].run).or_default().push(i);
-    }
-    let mut out = vec![f64::NAN; gap.len()];
-    for w in runs.values().flat_map(|rows| rows.windows(2 * REACH + 1)) {
-        let i = w[2];
-        if session.moments[w[0]].direction == session.moments[i].direction {
-            let [two_before, before, _, behind, two_behind] = [0, 1, 2, 3, 4].map(|k| gap[w[k]]);
-            let cubic = (4.0 * (before + behind) - two_before - two_behind) / 6.0;
-            let expected = [2.0 * before - two_before, 2.0 * behind - two_behind, cubic];
-            let apart = expected.map(|e| gap[i] - e);
-            out[i] = apart.into_iter().min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(f64::NAN);
-        }
-    }
-    out
-}
-
 fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<usize> {
-    let apart = by_class(session, gap, lattice_um, used).into_iter().flatten();
-    let found: BTreeSet<usize> = apart.filter(|(_, d)| d.abs() > OUTLYING).map(|(i, _)| i).collect();
+    let apart = by_class(session, gap, lattice_um, (used, used)).into_iter().flatten();
+    let found: BTreeSet<usize> =
+        apart.filter(|(i, d)| used[*i] && d.abs() > OUTLYING).map(|(i, _)| i).collect();
     // beside a wild reading its partners look wrong, too
     let is_wild = |i: &usize| is_the_wild_one(session, gap, used, *i, &found);
     found.iter().copied().filter(is_wild).collect()
 }
 
 /// How far readings lie from their partners, or in a class that has few from their path, beyond the slow part, in robust standard
-/// deviations of their class, class by class.
-fn by_class(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<Vec<(usize, f64)>> {
-    let (apart, off_path) = (from_partners(session, gap, used), from_path(session, gap, used));
+/// deviations of their class, class by class; partners and neighbours on the path are those of `used`.
+fn by_class(
+    session: &Session,
+    gap: &[f64],
+    lattice_um: &[f64],
+    used: (&[bool], &[bool]),
+) -> Vec<Vec<(usize, f64)>> {
+    let (apart, off_path) = (from_partners(session, gap, used.0), from_path(session, gap, used.1));
     let of = |class: usize| {
-        let rows_of = |apart: &[f64]| -> Vec<usize> {
-            let is_seen = |i: &usize| session.readings[*i].instrument == class && apart[*i].is_finite();
+        let rows_of = |is_finite: &dyn Fn(usize) -> bool| -> Vec<usize> {
+            let is_seen = |i: &usize| session.readings[*i].instrument == class && is_finite(*i);
             (0..gap.len()).filter(is_seen).collect()
         };
-        let mut rows = rows_of(&apart);
-        let detrended: Vec<f64> = if rows.len() >= 2 * FEW {
-            (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k)).collect()
-        } else {
-            rows = rows_of(&off_path);
-            rows.iter().map(|i| off_path[*i]).collect()
+        let deviation = |apart: &mut dyn Iterator<Item = f64>| {
+            let mut sizes: Vec<f64> = apart.map(f64::abs).collect();
+            (MAD * median(&mut sizes)).max(lattice_um[class] / 6f64.sqrt())
         };
+        let rows = rows_of(&|i| apart[i].is_finite());
+        if rows.len() >= 2 * FEW {
+            let detrended = (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k));
+            let detrended: Vec<f64> = detrended.collect();
+            let sigma = deviation(&mut detrended.iter().copied());
+            return rows.into_iter().zip(detrended.iter().map(|d| d / sigma)).collect();
+        }
+        let rows = rows_of(&|i| off_path[i][0].is_finite());
         if rows.len() < 2 * FEW {
             return Vec::new();
         }
-        let mut sizes: Vec<f64> = detrended.iter().map(|v| v.abs()).collect();
-        let sigma = (MAD * median(&mut sizes)).max(lattice_um[class] / 6f64.sqrt());
-        if sigma > 0.0 {
-            rows.into_iter().zip(detrended.iter().map(|d| d / sigma)).collect()
-        } else {
-            Vec::new()
-        }
+        let sigma = deviation(&mut rows.iter().map(|i| off_path[*i][0]));
+        // beyond the limit counts what is also off the lines: a step of the path is not
+        let apart = |i: &usize| {
+            let [cubic, nearest] = off_path[*i].map(|d| d / sigma);
+            (*i, if cubic.abs() > OUTLYING { nearest } else { cubic })
+        };
+        rows.iter().map(apart).collect()
     };
-    (0..session.instruments.len()).map(of).collect()
+    let by_class: Vec<Vec<(usize, f64)>> = (0..session.instruments.len()).map(of).collect();
+    // without noise nothing is told
+    by_class.into_iter().map(|c| if c.iter().all(|(_, d)| d.is_finite()) { c } else { Vec::new() }).collect()
 }
 
 /// Shares of the differences of two readings of Student's noise in the shoulders and beyond [`OUTLYING`], for 1 to 200 degrees
@@ -151,11 +140,11 @@ pub struct Tails {
     pub expected: f64,
 }
 
-/// The tails of what differs between repeats: of all readings together, then of each class: wild readings of the same size
-/// stand far out of the noise of one instrument and in the shoulders of another's.
+/// The tails of what differs between repeats, or from a path through readings `used`: of all readings together, then of each class:
+/// wild readings of the same size stand far out of the noise of one instrument and in the shoulders of another's.
 #[must_use]
-pub fn tails(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<Tails> {
-    let mut classes = by_class(session, gap, lattice_um, &vec![true; gap.len()]);
+pub fn tails(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<Tails> {
+    let mut classes = by_class(session, gap, lattice_um, (&vec![true; gap.len()], used));
     // two repeats lie equally far apart: one of them counts
     let repeats = repeats_of(session, 0..session.readings.len());
     let counts = |i: usize| {
