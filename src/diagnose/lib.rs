@@ -13,6 +13,7 @@
 pub mod assessment;
 mod constants;
 pub mod decision;
+mod dense;
 pub mod evidence;
 mod forecast;
 pub mod library;

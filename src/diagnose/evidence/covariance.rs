@@ -2,9 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{FEW, LENGTHS, REPEATS, TIMES};
+use super::super::dense::{cholesky, inverse_lower, product};
 use super::super::library::Shape;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::Session;
@@ -237,7 +238,7 @@ fn beside_means(mut m: DMatrix<f64>, means: &[DVector<f64>]) -> DMatrix<f64> {
     }
     let basis = DMatrix::from_columns(&basis.vectors);
     for _ in 0..2 {
-        let known = basis.tr_mul(&m);
+        let known = product(&basis, &m);
         m.gemm(-1.0, &basis, &known, 1.0);
         m.transpose_mut();
     }
@@ -352,9 +353,9 @@ impl Covariance {
     pub fn new(structure: &Structure, scales: &[f64], weights: &[f64]) -> Option<Self> {
         let c = structure.sum(scales, weights);
         let n = c.nrows();
-        let l = Cholesky::new(c)?.unpack();
+        let l = cholesky(c)?;
         let mut log_determinant = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        let inverse = l.solve_lower_triangular(&DMatrix::identity(n, n))?;
+        let inverse = inverse_lower(&l);
         let whitened = &inverse * &structure.offsets;
         let mut basis = Basis::default();
         whitened.column_iter().for_each(|column| basis.add(column.into_owned()));
@@ -368,7 +369,7 @@ impl Covariance {
     #[must_use]
     pub fn whiten(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         let mut w = &self.inverse * columns;
-        let known = self.basis.tr_mul(&w);
+        let known = product(&self.basis, &w);
         w -= &self.basis * known;
         w
     }
@@ -389,9 +390,9 @@ impl Covariance {
     #[must_use]
     pub fn precision(&self, beside: &DMatrix<f64>) -> DMatrix<f64> {
         let mut w = self.inverse.clone();
-        let known = self.basis.tr_mul(&w);
+        let known = product(&self.basis, &w);
         w -= &self.basis * known;
-        let known = beside.tr_mul(&w);
+        let known = product(beside, &w);
         w -= beside * known;
         w
     }

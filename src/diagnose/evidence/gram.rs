@@ -4,9 +4,10 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::super::constants::{DEGENERATE, EFFECT_SCALES, SEEN, SURE};
+use super::super::dense::{Tridiagonal, product};
 use super::covariance::Covariance;
 
 /// Added to the diagonal of a Gram matrix, relative to it.
@@ -204,15 +205,11 @@ impl Gram {
             if !self.is_independent(columns, set, *variant) {
                 continue;
             }
-            let (w, t) = self.beside(set, *variant, (first, k));
+            let beside = self.beside(set, *variant, (first, k));
             for scale in columns.scales(*variant) {
                 let member = Member { variant: *variant, scale, average: 0.0 };
                 let factor = columns.factor(member).powi(2);
-                let (mut drop, mut volume) = (0.0, 0.0);
-                for (w, t) in w.iter().zip(t.iter()) {
-                    drop += factor * t * t / (1.0 + factor * w);
-                    volume += (factor * w).ln_1p();
-                }
+                let (drop, volume) = beside.evidence(factor);
                 let left = (set.left - drop).max(1e-12 * self.yy);
                 let e = base - 0.5 * volume - 0.5 * self.freedom * (left / set.left).ln();
                 all.push(e);
@@ -239,15 +236,15 @@ impl Gram {
             self.own[variant].clone()
         } else {
             let w = self.w.select_columns(&at);
-            w.tr_mul(&w)
+            product(&w, &w)
         };
         let cross = DMatrix::from_fn(set.known.len(), at.len(), |i, j| set.known_products[i][at[j]]);
         let Some(half) = flat.l_dirty().solve_lower_triangular(&cross) else { return true };
         is_full(&(&own - half.tr_mul(&half)), &own)
     }
 
-    /// Eigenvalues of the conditional Gram matrix of some columns beside a set, and the gap along its directions.
-    fn beside(&self, set: &Conditioned, variant: usize, (first, k): (usize, usize)) -> (Vec<f64>, Vec<f64>) {
+    /// The conditional Gram matrix of some columns beside a set, and the gap along them.
+    fn beside(&self, set: &Conditioned, variant: usize, (first, k): (usize, usize)) -> Tridiagonal {
         let mut own = self.own[variant].clone();
         let mut seen = self.b.rows(first, k).into_owned();
         if let Some(chol) = &set.chol {
@@ -258,12 +255,7 @@ impl Gram {
                 own -= half.tr_mul(&half);
             }
         }
-        if k == 1 {
-            return (vec![own[(0, 0)].max(0.0)], vec![seen[0]]);
-        }
-        let eigen = SymmetricEigen::new(own);
-        let along = eigen.eigenvectors.tr_mul(&seen);
-        (eigen.eigenvalues.iter().map(|v| v.max(0.0)).collect(), along.iter().copied().collect())
+        Tridiagonal::new(own, seen)
     }
 }
 
@@ -378,12 +370,10 @@ impl Columns {
 
 /// True where no combination of columns with this Gram matrix vanishes against the mean square of the whole columns.
 fn is_full(gram: &DMatrix<f64>, whole: &DMatrix<f64>) -> bool {
-    let least = match gram.nrows() {
-        0 => return false,
-        1 => gram[(0, 0)],
-        _ => gram.symmetric_eigenvalues().min(),
-    };
-    least > DEGENERATE * whole.trace() / whole.nrows().max(1) as f64
+    let n = gram.nrows();
+    let least = DEGENERATE * whole.trace() / n.max(1) as f64;
+    // its least eigenvalue is above that where this is positive definite
+    n > 0 && Cholesky::new(gram - DMatrix::identity(n, n) * least).is_some()
 }
 
 /// True for two single columns that are the same but for their size.

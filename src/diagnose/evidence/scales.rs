@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{MOST, NOISE_SCALES, TRIED};
+use super::super::dense::{cholesky, inverse_lower, product, solve_lower};
 use super::covariance::{Basis, Component, Structure};
 
 /// Place of the scale of each component in [`NOISE_SCALES`].
@@ -63,12 +64,12 @@ impl Target<'_> {
         // the prior of the effects is a part of the covariance
         let columns = self.data.columns(1, self.data.ncols() - 1);
         c.gemm(1.0, &columns, &columns.transpose(), 1.0);
-        let l = Cholesky::new(c)?.unpack();
+        let l = cholesky(c)?;
         let width = self.structure.offsets.ncols();
         let mut both = DMatrix::zeros(l.nrows(), width + 1);
         both.columns_mut(0, width).copy_from(&self.structure.offsets);
         both.column_mut(width).copy_from(&self.data.column(0));
-        l.solve_lower_triangular_mut(&mut both).then_some(())?;
+        solve_lower(&l, &mut both);
         let mut log_determinant = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let mut basis = Basis::default();
         both.columns(0, width).column_iter().for_each(|column| basis.add(column.into_owned()));
@@ -84,14 +85,13 @@ impl Target<'_> {
     /// Derivative of the log evidence by the variance of each component, over the curvature that noise alone gives it.
     fn slopes(&self, rungs: &[usize]) -> Option<Vec<f64>> {
         let d = self.decompose(rungs)?;
-        let n = d.l.nrows();
-        let mut half = d.l.solve_lower_triangular(&DMatrix::identity(n, n))?;
+        let mut half = inverse_lower(&d.l);
         if !d.basis.is_empty() {
             let basis = DMatrix::from_columns(&d.basis);
-            let known = basis.tr_mul(&half);
+            let known = product(&basis, &half);
             half.gemm(-1.0, &basis, &known, 1.0);
         }
-        let precision = half.tr_mul(&half);
+        let precision = product(&half, &half);
         let pulled = half.tr_mul(&d.left);
         let scale = d.freedom() / d.left.norm_squared().max(f64::MIN_POSITIVE);
         let slope = |m: &DMatrix<f64>| {
