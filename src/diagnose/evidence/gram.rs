@@ -1,13 +1,13 @@
 //! Products of all columns and the gap under one covariance, and the evidence of a set of effects from them.
 
-use std::cell::RefCell;
+use std::cell::{OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::super::constants::{DEGENERATE, EFFECT_SCALES, SEEN, SURE};
-use super::super::dense::{Tridiagonal, product};
+use super::super::dense::{Tridiagonal, product, solve_lower};
 use super::covariance::Covariance;
 
 /// Added to the diagonal of a Gram matrix, relative to it.
@@ -45,6 +45,10 @@ pub(super) struct Gram {
     b: DVector<f64>,
     /// Gram matrix of each variant.
     own: Vec<DMatrix<f64>>,
+    /// The same with the line from which a variant is counted, when first needed.
+    own_with_line: RefCell<BTreeMap<usize, DMatrix<f64>>>,
+    /// What each label adds to the sets asked for, by the variants and scales of their members.
+    additions: RefCell<BTreeMap<Vec<(usize, usize)>, Additions>>,
     /// The columns of each variant are independent.
     is_full: Vec<bool>,
     yy: f64,
@@ -79,6 +83,11 @@ pub(super) struct Conditioned {
     has_process: bool,
     /// `A^-1 Z'y`.
     solved: DVector<f64>,
+    /// Products with all columns over the Cholesky factors of `chol` and of `flat`, when first needed.
+    half: OnceCell<DMatrix<f64>>,
+    flat_half: OnceCell<DMatrix<f64>>,
+    /// Products of all columns with what the set leaves of the gap, when first needed.
+    seen: OnceCell<DVector<f64>>,
     /// Whitened sum of squares that the set leaves.
     pub(super) left: f64,
     log_volume: f64,
@@ -93,6 +102,9 @@ pub(super) struct Addition {
     pub(super) log_evidence: f64,
 }
 
+/// What each label adds to a set.
+type Additions = Rc<Vec<Option<Addition>>>;
+
 impl Gram {
     pub(super) fn new(covariance: &Covariance, columns: &Columns, y: &DVector<f64>) -> Self {
         let w = covariance.whiten(&columns.values);
@@ -104,7 +116,18 @@ impl Gram {
         let own: Vec<DMatrix<f64>> =
             columns.span.iter().map(|(at, k)| w.columns(*at, *k).tr_mul(&w.columns(*at, *k))).collect();
         let is_full = own.iter().map(|own| is_full(own, own)).collect();
-        Self { w, cross: RefCell::default(), b, own, is_full, yy, freedom, none }
+        Self {
+            w,
+            cross: RefCell::default(),
+            b,
+            own,
+            own_with_line: RefCell::default(),
+            additions: RefCell::default(),
+            is_full,
+            yy,
+            freedom,
+            none,
+        }
     }
 
     /// Products of one column with all of them.
@@ -142,6 +165,9 @@ impl Gram {
                 flat: None,
                 has_process: false,
                 solved: DVector::zeros(0),
+                half: OnceCell::new(),
+                flat_half: OnceCell::new(),
+                seen: OnceCell::new(),
                 left: self.yy,
                 log_volume: 0.0,
             };
@@ -173,6 +199,9 @@ impl Gram {
             flat,
             has_process: set.iter().any(|m| columns.process[m.variant]),
             solved,
+            half: OnceCell::new(),
+            flat_half: OnceCell::new(),
+            seen: OnceCell::new(),
             left,
             log_volume,
         }
@@ -191,6 +220,21 @@ impl Gram {
         let inverse = set.chol.as_ref().map_or_else(|| DMatrix::identity(k, k), Cholesky::inverse);
         let covariance = DMatrix::from_fn(k, k, |i, j| inverse[(i, j)] * set.factors[i] * set.factors[j]);
         (set.columns.clone(), mean, covariance)
+    }
+
+    /// What each label adds to a set; nothing where none of its variants is seen, and for those in the set.
+    pub(super) fn additions(&self, columns: &Columns, members: &[Member]) -> Additions {
+        let mut key: Vec<(usize, usize)> = members.iter().map(|m| (m.variant, m.scale)).collect();
+        key.sort_unstable();
+        let known = self.additions.borrow().get(&key).cloned();
+        known.unwrap_or_else(|| {
+            let set = self.condition(columns, members);
+            let is_member = |label: usize| members.iter().any(|m| columns.label[m.variant] == label);
+            let of = |label| if is_member(label) { None } else { self.addition(columns, &set, label) };
+            let all: Additions = Rc::new((0..columns.labels).map(of).collect());
+            self.additions.borrow_mut().insert(key, all.clone());
+            all
+        })
     }
 
     /// What a label adds to a set; nothing where none of its variants is seen.
@@ -232,30 +276,32 @@ impl Gram {
         let Some(flat) = set.flat.as_ref().filter(|_| is_asked) else { return true };
         let mut at: Vec<usize> = (first..first + k).collect();
         at.extend(columns.line[variant].filter(|line| !set.known.contains(line)));
-        let own = if at.len() == k {
-            self.own[variant].clone()
-        } else {
+        let half = set.flat_half.get_or_init(|| over(flat, &set.known_products, &vec![1.0; set.known.len()]));
+        let half = half.select_columns(&at);
+        let beside = |own: &DMatrix<f64>| is_full(&(own - half.tr_mul(&half)), own);
+        if at.len() == k {
+            return beside(&self.own[variant]);
+        }
+        let mut known = self.own_with_line.borrow_mut();
+        beside(known.entry(variant).or_insert_with(|| {
             let w = self.w.select_columns(&at);
             product(&w, &w)
-        };
-        let cross = DMatrix::from_fn(set.known.len(), at.len(), |i, j| set.known_products[i][at[j]]);
-        let Some(half) = flat.l_dirty().solve_lower_triangular(&cross) else { return true };
-        is_full(&(&own - half.tr_mul(&half)), &own)
+        }))
     }
 
     /// The conditional Gram matrix of some columns beside a set, and the gap along them.
     fn beside(&self, set: &Conditioned, variant: usize, (first, k): (usize, usize)) -> Tridiagonal {
         let mut own = self.own[variant].clone();
-        let mut seen = self.b.rows(first, k).into_owned();
-        if let Some(chol) = &set.chol {
-            let n = set.columns.len();
-            let cross = DMatrix::from_fn(n, k, |i, j| set.products[i][first + j] * set.factors[i]);
-            seen -= cross.tr_mul(&set.solved);
-            if let Some(half) = chol.l_dirty().solve_lower_triangular(&cross) {
-                own -= half.tr_mul(&half);
-            }
-        }
-        Tridiagonal::new(own, seen)
+        let Some(chol) = &set.chol else { return Tridiagonal::new(own, self.b.rows(first, k).into_owned()) };
+        let seen = set.seen.get_or_init(|| {
+            let mut seen = self.b.clone();
+            let parts = set.products.iter().zip(&set.factors).zip(set.solved.iter());
+            parts.for_each(|((products, factor), solved)| seen.axpy(-factor * solved, products, 1.0));
+            seen
+        });
+        let half = set.half.get_or_init(|| over(chol, &set.products, &set.factors)).columns(first, k);
+        own -= half.tr_mul(&half);
+        Tridiagonal::new(own, seen.rows(first, k).into_owned())
     }
 }
 
@@ -366,6 +412,18 @@ impl Columns {
         let line = vec![None; span.len()];
         Self { values, span, largest, label, process, line, labels, variants, visible, aliases }
     }
+}
+
+/// `L^-1 F P` for the products `P` of some columns with all columns, a row each, and their factors `F`.
+fn over(chol: &Cholesky<f64, nalgebra::Dyn>, products: &[Rc<DVector<f64>>], factors: &[f64]) -> DMatrix<f64> {
+    let width = products.first().map_or(0, |p| p.len());
+    let mut half = DMatrix::zeros(products.len(), width);
+    for ((mut row, products), factor) in half.row_iter_mut().zip(products).zip(factors) {
+        row.tr_copy_from(products);
+        row *= *factor;
+    }
+    solve_lower(&chol.l(), &mut half);
+    half
 }
 
 /// True where no combination of columns with this Gram matrix vanishes against the mean square of the whole columns.

@@ -57,12 +57,11 @@ fn grow(
     barred: Option<usize>,
     sets: &mut Sets,
 ) -> Option<(Vec<Member>, f64)> {
-    let set = gram.condition(columns, members);
+    let additions = gram.additions(columns, members);
     let prior = extra(columns, members) + price(columns);
-    let taken = key(columns, members);
     let mut best: Option<(Vec<Member>, f64)> = None;
-    for label in (0..columns.labels).filter(|l| !taken.contains(l) && barred != Some(*l)) {
-        let Some(addition) = gram.addition(columns, &set, label) else { continue };
+    for label in (0..columns.labels).filter(|l| barred != Some(*l)) {
+        let Some(addition) = additions[label] else { continue };
         let weight = addition.log_evidence + prior;
         let mut with = members.to_vec();
         with.push(addition.member);
