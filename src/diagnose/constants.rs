@@ -131,8 +131,8 @@ pub(crate) const ROWS: usize = 4000;
 
 // False alarms
 
-/// Robust standard deviations from which a reading is an outlier; the shoulders of the noise begin at half of it (`TAILS` is
-/// tabulated for these two). Halved: tails of normal noise are left out; doubled: outliers widen the noise.
+/// Robust standard deviations from which a reading is an outlier; the shoulders of the noise begin at half of it, the far
+/// tails at twice it (`TAILS` is tabulated for these three). Halved: tails of normal noise are left out; doubled: outliers widen the noise.
 pub(crate) const OUTLYING: f64 = 5.5;
 /// Probability of a line in the spectrum of noise alone. Halved or doubled: lines within 2 % of the limit in power.
 pub(crate) const LINE_CHANCE: f64 = 1e-5;

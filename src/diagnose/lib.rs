@@ -206,7 +206,8 @@ fn analyse(
         // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
         named.variants.retain(|v| v.shape.has_own_name());
         // the tails of the noise itself are judged beside the effects
-        let are_wild = noise::tails(session, &gap, lattice_um, &used).iter().any(|t| t.beyond > t.expected);
+        let are_wild =
+            noise::tails(session, &gap, lattice_um, &used).iter().any(|t| t.beyond[0] > t.expected[0]);
         let wild = |i: &usize| are_wild || session.readings[*i].is_marked;
         let left_out: Vec<usize> = outlying.iter().copied().filter(wild).collect();
         if let Some(analysis) = compare(session, named, &left_out, (&gap, lattice_um, &white)) {

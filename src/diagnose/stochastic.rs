@@ -73,8 +73,9 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
 /// and no cause of their own.
 fn beyond_tails(e: &Evidence<'_>) -> bool {
     let [times, deviations, least] = BEYOND_TAILS;
-    tails(e.session, e.gap, e.lattice_um, e.used).iter().any(|t| {
-        t.beyond >= least && t.beyond > (times * t.expected).max(t.expected + deviations * t.expected.sqrt())
+    let tails = tails(e.session, e.gap, e.lattice_um, e.used);
+    tails.iter().flat_map(|t| t.beyond.into_iter().zip(t.expected)).any(|(beyond, expected)| {
+        beyond >= least && beyond > (times * expected).max(expected + deviations * expected.sqrt())
     })
 }
 
