@@ -26,20 +26,20 @@ pub(crate) fn cholesky(mut a: DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(a)
 }
 
-/// Solves `L X = B` in place for a lower factor of [`cholesky`].
+/// Solves `L X = B` in place for a lower Cholesky factor.
 pub(crate) fn solve_lower(l: &DMatrix<f64>, b: &mut DMatrix<f64>) {
     let width = b.ncols();
     substitute(l, b, |_| width);
 }
 
-/// The inverse of a lower factor of [`cholesky`].
+/// The inverse of a lower Cholesky factor.
 pub(crate) fn inverse_lower(l: &DMatrix<f64>) -> DMatrix<f64> {
     let mut inverse = DMatrix::identity(l.nrows(), l.nrows());
     substitute(l, &mut inverse, |below| below);
     inverse
 }
 
-/// Forward substitution; of the rows before one only some first `columns` are not zero.
+/// Forward substitution; of the first `n` rows only the first `columns(n)` columns are not zero.
 fn substitute(l: &DMatrix<f64>, b: &mut DMatrix<f64>, columns: impl Fn(usize) -> usize) {
     let n = l.nrows();
     for at in (0..n).step_by(BLOCK) {
@@ -64,21 +64,22 @@ pub(crate) fn product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     a.transpose() * b
 }
 
-/// A symmetric matrix `A`, positive semidefinite, turned until it is tridiagonal, with a vector `b` turned likewise: for the evidence
-/// of `1 + f A` at many `f`.
+/// A positive semidefinite matrix `A` reduced to tridiagonal form by an orthogonal similarity transformation, and a vector `b` in the
+/// same basis: for the evidence of `1 + f A` at many `f`.
 pub(crate) struct Tridiagonal {
     diagonal: DVector<f64>,
-    beside: DVector<f64>,
-    along: DVector<f64>,
+    off_diagonal: DVector<f64>,
+    rotated: DVector<f64>,
 }
 
 impl Tridiagonal {
     pub(crate) fn new(a: DMatrix<f64>, b: DVector<f64>) -> Self {
         if a.nrows() == 1 {
-            return Self { diagonal: a.column(0).into_owned(), beside: DVector::zeros(0), along: b };
+            let diagonal = a.column(0).into_owned();
+            return Self { diagonal, off_diagonal: DVector::zeros(0), rotated: b };
         }
-        let (turn, diagonal, beside) = SymmetricTridiagonal::new(a).unpack();
-        Self { diagonal, beside, along: turn.tr_mul(&b) }
+        let (basis, diagonal, off_diagonal) = SymmetricTridiagonal::new(a).unpack();
+        Self { diagonal, off_diagonal, rotated: basis.tr_mul(&b) }
     }
 
     /// `f b' (1 + f A)^-1 b` and `ln |1 + f A|`.
@@ -86,10 +87,10 @@ impl Tridiagonal {
         let (mut square, mut determinant, mut pivot, mut along) = (0.0, 0.0, 1.0, 0.0);
         let mut pivots = 1.0;
         for (k, d) in self.diagonal.iter().enumerate() {
-            let beside = if k > 0 { f * self.beside[k - 1] } else { 0.0 };
-            along = self.along[k] - beside / pivot * along;
+            let off = if k > 0 { f * self.off_diagonal[k - 1] } else { 0.0 };
+            along = self.rotated[k] - off / pivot * along;
             // every Schur complement of 1 + f A is at least 1
-            pivot = (1.0 + f * d - beside * beside / pivot).max(1.0);
+            pivot = (1.0 + f * d - off * off / pivot).max(1.0);
             square += along * along / pivot;
             pivots *= pivot;
             if pivots > 1e150 {

@@ -133,7 +133,8 @@ pub fn diagnose(
         found.into_iter().for_each(|(setup, length_um)| *lengths_um.entry(setup).or_default() += length_um);
         analysis = analyse(session, options, &lattice_um, &mut raw, tell);
     }
-    if !lengths_um.is_empty() {
+    session.is_bar_length_off = !lengths_um.is_empty();
+    if session.is_bar_length_off {
         let mut each: Vec<String> = lengths_um.values().map(|length_um| format!("{length_um:.1}")).collect();
         each.dedup();
         let taken_off = match &each[..] {
@@ -206,8 +207,8 @@ fn analyse(
         // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
         named.variants.retain(|v| v.shape.has_own_name());
         // the tails of the noise itself are judged beside the effects
-        let are_wild =
-            noise::tails(session, &gap, lattice_um, &used).iter().any(|t| t.beyond[0] > t.expected[0]);
+        let tails = noise::tails(session, &gap, lattice_um, &used);
+        let are_wild = tails.iter().flat_map(|t| t.beyond.into_iter().zip(t.expected)).any(|(b, e)| b > e);
         let wild = |i: &usize| are_wild || session.readings[*i].is_marked;
         let left_out: Vec<usize> = outlying.iter().copied().filter(wild).collect();
         if let Some(analysis) = compare(session, named, &left_out, (&gap, lattice_um, &white)) {
@@ -352,7 +353,7 @@ fn likelier_zero(
 }
 
 /// The analysis by comparison of all sets of effects, and again with what was found between the values of the grid: a coarse grid
-/// must not decide between sets. `outlying`: readings that are marked, or lie apart from their repeats.
+/// must not decide between sets. `outlying`: readings that are marked, or lie apart from their repeats or their path.
 fn compare(
     session: &Session,
     mut library: Library,

@@ -9,13 +9,13 @@ use super::offsets::without_offsets;
 use super::session::Session;
 use volcomp_model::geometry::Vec3;
 
-/// Size on other days of what changes with the day, as multiples of that of this one.
-pub(super) const CHANGE: [f64; 2] = [0.3, 1.5];
+/// Size on other days of what varies between days, as multiples of that of this one.
+pub(super) const DAY_FACTORS: [f64; 2] = [0.3, 1.5];
 
-/// True for what has another size on another day: what a temperature drives, and the length of a ballbar.
-pub(super) fn changes_with_the_day(shape: &Shape) -> bool {
-    matches!(shape, Shape::BallbarLength(_))
-        || shape.signals().iter().any(|s| matches!(s.source, Source::Temperature(_)))
+/// What has another size on another day: what a temperature drives (0), and the length of a ballbar (1).
+pub(super) fn varies_between_days(shape: &Shape) -> Option<usize> {
+    let is_warmth = shape.signals().iter().any(|s| matches!(s.source, Source::Temperature(_)));
+    matches!(shape, Shape::BallbarLength(_)).then_some(1).or(is_warmth.then_some(0))
 }
 
 /// What is known of this day.
@@ -25,7 +25,7 @@ pub(super) struct Day<'a> {
     pub(super) noise: &'a [ClassNoise],
     /// What all causes do together, um per row.
     pub(super) causes: Vec<f64>,
-    /// What those of them do that change with the day.
+    /// What those of them do that vary between days.
     pub(super) changing: Vec<f64>,
 }
 
@@ -45,7 +45,7 @@ impl Day<'_> {
             let other = (before + (factor * factor - 1.0) * changing).max(after);
             (root - (after / other).sqrt()).abs()
         };
-        CHANGE.map(|f| drift.hypot(with(f)))
+        DAY_FACTORS.map(|f| drift.hypot(with(f)))
     }
 
     /// Variance of the mean square of another day's drift, and of twice its mean product with the causes, um^4; what the

@@ -164,9 +164,9 @@ fn a_wave_sampled_coarsely_is_no_wild_reading() {
     assert!(declared(&r).contains("cyclic:y"), "{}", r["causes"]);
 }
 
-/// Three probes at a standing spindle that grows, of which every 17th reading is wild: neighbours in time tell them.
+/// Three probes at a standing spindle that grows, with outliers in time: its neighbours in its own series tell each.
 #[test]
-fn wild_readings_at_standstill_lie_off_their_neighbours_in_time() {
+fn outliers_at_standstill_lie_off_their_neighbours_in_time() {
     let mut noise = normal(13);
     let header = "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,u_x,u_y,u_z,spindle_rpm,deviation_um\n";
     let mut table = header.to_owned();
@@ -176,9 +176,11 @@ fn wild_readings_at_standstill_lie_off_their_neighbours_in_time() {
         for (axis, growth_um) in [1.0, 3.0, 30.0].into_iter().enumerate() {
             row += 1;
             let mut read_um = growth_um * warm + NOISE_UM * noise();
-            if row % 17 == 8 && (15..177).contains(&k) {
+            // one reading alone, all three probes at once, and two with a good one between them
+            let is_wild = row % 17 == 8 && (15..177).contains(&k);
+            if is_wild || k == 100 || axis == 2 && (k == 60 || k == 62) {
                 wild.insert(row + 1);
-                read_um += if wild.len() % 2 == 0 { 25.0 } else { -25.0 } * NOISE_UM;
+                read_um += if row % 2 == 0 { 25.0 } else { -25.0 } * NOISE_UM;
             }
             let u = [0, 1, 2].map(|i| u8::from(i == axis));
             let rpm = if k == 0 { 0 } else { 12_000 };
@@ -196,26 +198,22 @@ fn wild_readings_at_standstill_lie_off_their_neighbours_in_time() {
     assert!((0.4..0.65).contains(&noise_um), "{noise_um}");
 }
 
-/// After each of 24 stops the axis settles in fewer samples than a path has: its first readings at standstill are part of it.
+/// After each of 24 short moves away and back the axis rings: its first readings at standstill are part of the path.
 #[test]
-fn what_settles_after_a_stop_is_no_wild_reading() {
+fn what_settles_after_a_stop_is_no_outlier() {
     let mut noise = normal(14);
     let mut table = "t_s,instrument,setup,run,repeat,x_mm,u_x,u_y,u_z,moving,deviation_um\n".to_owned();
-    let mut row = 0;
-    for stop in 0..24 {
-        let (from, to) = if stop % 2 == 0 { (0.0, 20.0) } else { (20.0, 0.0) };
-        for k in 0..60 {
-            let moves = k < 10;
-            let x = if moves { from + (to - from) * f64::from(k) / 10.0 } else { to };
-            let left = if moves { 1.0 } else { (-2.0 * f64::from(k - 9)).exp() };
-            let read_um = 20.0 * (to - from).signum() * left + NOISE_UM * noise();
-            let t = 0.01 * f64::from(row);
-            row += 1;
-            writeln!(table, "{t:.2},laser,1,1,1,{x:.4},1,0,0,{},{read_um:.3}", u8::from(moves)).unwrap();
-        }
+    for row in 0..24 * 60 {
+        let k = row % 60;
+        let x = if k < 4 { 50.0 + 5.0 * (f64::from(k) * std::f64::consts::PI / 4.0).sin() } else { 50.0 };
+        let rings_um = if k < 4 { 20.0 } else { 20.0 * (-0.6_f64).powi(k - 3) };
+        let read_um = rings_um + NOISE_UM * noise();
+        let t = 0.01 * f64::from(row);
+        writeln!(table, "{t:.2},laser,1,1,1,{x:.4},1,0,0,{},{read_um:.3}", u8::from(k < 4)).unwrap();
     }
     let r = diagnosed(&table, &[]);
-    assert!(listed(&r).is_empty(), "{}", r["outlying_readings"]);
+    // single ones lie apart from the fit, but not those of every stop from the path
+    assert!(listed(&r).len() < 6, "{}", r["outlying_readings"]);
 }
 
 /// A display of 3 um above noise of 1 um: three values are read in any order, without repeats, whatever the length of the bar.

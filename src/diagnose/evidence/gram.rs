@@ -276,7 +276,9 @@ impl Gram {
         let Some(flat) = set.flat.as_ref().filter(|_| is_asked) else { return true };
         let mut at: Vec<usize> = (first..first + k).collect();
         at.extend(columns.line[variant].filter(|line| !set.known.contains(line)));
-        let half = set.flat_half.get_or_init(|| over(flat, &set.known_products, &vec![1.0; set.known.len()]));
+        let half = set
+            .flat_half
+            .get_or_init(|| solve_products(flat, &set.known_products, &vec![1.0; set.known.len()]));
         let half = half.select_columns(&at);
         let beside = |own: &DMatrix<f64>| is_full(&(own - half.tr_mul(&half)), own);
         if at.len() == k {
@@ -299,7 +301,8 @@ impl Gram {
             parts.for_each(|((products, factor), solved)| seen.axpy(-factor * solved, products, 1.0));
             seen
         });
-        let half = set.half.get_or_init(|| over(chol, &set.products, &set.factors)).columns(first, k);
+        let half =
+            set.half.get_or_init(|| solve_products(chol, &set.products, &set.factors)).columns(first, k);
         own -= half.tr_mul(&half);
         Tridiagonal::new(own, seen.rows(first, k).into_owned())
     }
@@ -415,7 +418,11 @@ impl Columns {
 }
 
 /// `L^-1 F P` for the products `P` of some columns with all columns, a row each, and their factors `F`.
-fn over(chol: &Cholesky<f64, nalgebra::Dyn>, products: &[Rc<DVector<f64>>], factors: &[f64]) -> DMatrix<f64> {
+fn solve_products(
+    chol: &Cholesky<f64, nalgebra::Dyn>,
+    products: &[Rc<DVector<f64>>],
+    factors: &[f64],
+) -> DMatrix<f64> {
     let width = products.first().map_or(0, |p| p.len());
     let mut half = DMatrix::zeros(products.len(), width);
     for ((mut row, products), factor) in half.row_iter_mut().zip(products).zip(factors) {

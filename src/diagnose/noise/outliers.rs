@@ -1,17 +1,17 @@
-//! Single wild readings, from repeats; where there are none, on the path of a ballbar and at standstill, from neighbours.
+//! Outliers, from repeats; where there are none, on the path of a ballbar and at standstill, from neighbours.
 
 use std::collections::BTreeSet;
 
 use super::super::constants::{FEW, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
-use super::path::{REACH, from_path};
+use super::path::{OffPath, from_path};
 use super::{MAD, median, repeats_of};
 
 /// Readings on both sides whose median is taken as the slow part.
 const NEIGHBOURS: usize = 4;
 
 /// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats, or from the path of a
-/// ballbar or of a series at standstill. `lattice_um` is the rounding of each class: what lies a step apart is rounded, not wild.
+/// ballbar or of a series at standstill. `lattice_um` is the rounding of each class: what lies a step apart is rounded, no outlier.
 #[must_use]
 pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize> {
     // those marked in the file come first: beside them the others are judged
@@ -39,8 +39,8 @@ pub fn all_but(n: usize, outlying: &[usize]) -> Vec<bool> {
     used
 }
 
-/// The reading minus the median of its partners, of two middle ones the nearer: a wild reading among two partners must not make the
-/// others look wild; NaN without one.
+/// The reading minus the median of its partners, of two middle ones the nearer: an outlier among two partners must not make the
+/// others look like one; NaN without a partner.
 #[must_use]
 pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
     let pairs = session.readings.iter().filter_map(|r| r.pair).max().map_or(0, |p| p + 1);
@@ -63,23 +63,28 @@ pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> 
 }
 
 fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<usize> {
-    let apart = by_class(session, gap, lattice_um, (used, used)).into_iter().flatten();
+    let path = from_path(session, gap, used);
+    let apart = by_class(session, gap, lattice_um, (used, &path)).into_iter().flatten();
     let found: BTreeSet<usize> =
         apart.filter(|(i, d)| used[*i] && d.abs() > OUTLYING).map(|(i, _)| i).collect();
-    // beside a wild reading its partners look wrong, too
-    let is_wild = |i: &usize| is_the_wild_one(session, gap, used, *i, &found);
-    found.iter().copied().filter(is_wild).collect()
+    // beside an outlier its partners look wrong, too
+    let is_outlier = |i: &usize| {
+        let among = |neighbours| is_outlier_of_path(gap, &path, *i, &found, neighbours);
+        is_outlier_of_repeats(session, gap, used, *i)
+            .unwrap_or_else(|| path[*i].is_none_or(|p| among(p.neighbours)))
+    };
+    found.iter().copied().filter(is_outlier).collect()
 }
 
 /// How far readings lie from their partners, or in a class that has few from their path, beyond the slow part, in robust standard
-/// deviations of their class, class by class; partners and neighbours on the path are those of `used`.
+/// deviations of their class, class by class; partners are those used.
 fn by_class(
     session: &Session,
     gap: &[f64],
     lattice_um: &[f64],
-    used: (&[bool], &[bool]),
+    (used, path): (&[bool], &[Option<OffPath>]),
 ) -> Vec<Vec<(usize, f64)>> {
-    let (apart, off_path) = (from_partners(session, gap, used.0), from_path(session, gap, used.1));
+    let apart = from_partners(session, gap, used);
     let of = |class: usize| {
         let rows_of = |is_finite: &dyn Fn(usize) -> bool| -> Vec<usize> {
             let is_seen = |i: &usize| session.readings[*i].instrument == class && is_finite(*i);
@@ -96,20 +101,21 @@ fn by_class(
             let sigma = deviation(&mut detrended.iter().copied());
             return rows.into_iter().zip(detrended.iter().map(|d| d / sigma)).collect();
         }
-        let rows = rows_of(&|i| off_path[i][0].is_finite());
+        let rows = rows_of(&|i| path[i].is_some());
         if rows.len() < 2 * FEW {
             return Vec::new();
         }
-        let sigma = deviation(&mut rows.iter().map(|i| off_path[*i][0]));
+        let off_path = || rows.iter().filter_map(|i| Some((*i, path[*i]?)));
+        let sigma = deviation(&mut off_path().map(|(_, p)| p.cubic_um));
         // beyond the limit counts what is also off the lines: a step of the path is not
-        let apart = |i: &usize| {
-            let [cubic, nearest] = off_path[*i].map(|d| d / sigma);
-            (*i, if cubic.abs() > OUTLYING { nearest } else { cubic })
+        let apart = |(i, p): (usize, OffPath)| {
+            let [cubic, nearest] = [p.cubic_um, p.nearest_um].map(|d| d / sigma);
+            (i, if cubic.abs() > OUTLYING { nearest } else { cubic })
         };
-        rows.iter().map(apart).collect()
+        off_path().map(apart).collect()
     };
     let by_class: Vec<Vec<(usize, f64)>> = (0..session.instruments.len()).map(of).collect();
-    // without noise nothing is told
+    // a class without scatter has no outliers
     by_class.into_iter().map(|c| if c.iter().all(|(_, d)| d.is_finite()) { c } else { Vec::new() }).collect()
 }
 
@@ -126,9 +132,9 @@ const TAILS: [[f64; 3]; 13] = [
     [0.018_27, 0.000_378_1, 5.033e-6],
     [0.014_33, 0.000_112_2, 3.532e-7],
     [0.010_90, 2.015e-5, 3.803e-9],
-    [0.008_612, 2.946e-6, 3.185e-12],
-    [0.006_914, 2.895e-7, 1.102e-18],
-    [0.006_186, 6.647e-8, 4.912e-25],
+    [0.008_612, 2.946e-6, 3.31e-12],
+    [0.006_914, 2.895e-7, 1.73e-18],
+    [0.006_186, 6.647e-8, 9.0e-25],
 ];
 
 /// Readings beyond the limit, and beyond twice it: how many there are, and how many heavy tails with the same shoulders would have.
@@ -136,15 +142,16 @@ const TAILS: [[f64; 3]; 13] = [
 pub struct Tails {
     /// Beyond each.
     pub beyond: [f64; 2],
-    /// Expected there of Student's noise with the same shoulders, two standard deviations to the safe side.
+    /// Expected there of Student's noise with the same shoulders, upper limit of two standard deviations.
     pub expected: [f64; 2],
 }
 
 /// The tails of what differs between repeats, or from a path through readings `used`: of all readings together, then of each class:
-/// wild readings of the same size stand far out of the noise of one instrument and in the shoulders of another's.
+/// outliers of the same size stand far out of the noise of one instrument and in the shoulders of another's.
 #[must_use]
 pub fn tails(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<Tails> {
-    let mut classes = by_class(session, gap, lattice_um, (&vec![true; gap.len()], used));
+    let path = from_path(session, gap, used);
+    let mut classes = by_class(session, gap, lattice_um, (&vec![true; gap.len()], &path));
     // two repeats lie equally far apart: one of them counts
     let repeats = repeats_of(session, 0..session.readings.len());
     let counts = |i: usize| {
@@ -188,21 +195,35 @@ fn slow(session: &Session, apart: &[f64], rows: &[usize], k: usize) -> f64 {
     if values.is_empty() { 0.0 } else { median(&mut values) }
 }
 
-/// True where a reading is the wild one among its partners that are `used`: the farthest from their common median, or of two the one
-/// that lies apart from its neighbours in the run; of a path among those nearby that were `found`.
-fn is_the_wild_one(session: &Session, gap: &[f64], used: &[bool], i: usize, found: &BTreeSet<usize>) -> bool {
-    let pair = session.readings[i].pair;
-    let is_partner = |j: &usize| used[*j] && pair.is_some() && session.readings[*j].pair == pair;
+/// Whether a reading is the outlier among its partners that are `used`: the farthest from their common median, or of two the one that
+/// lies apart from its neighbours in the run; `None` without partners.
+fn is_outlier_of_repeats(session: &Session, gap: &[f64], used: &[bool], i: usize) -> Option<bool> {
+    let pair = session.readings[i].pair?;
+    let is_partner = |j: &usize| used[*j] && session.readings[*j].pair == Some(pair);
     let together: Vec<usize> = (0..gap.len()).filter(is_partner).collect();
     if together.len() < 2 {
-        let mut nearby = found.range(i.saturating_sub(REACH)..=i + REACH);
-        return nearby.all(|j| bend(session, gap, i) >= bend(session, gap, *j));
+        return None;
     }
     let middle = median(&mut together.iter().map(|j| gap[*j]).collect::<Vec<f64>>());
     let apart = |j: usize| {
         if together.len() > 2 { (gap[j] - middle).abs() } else { bend(session, gap, j) }
     };
-    together.iter().all(|j| apart(i) >= apart(*j))
+    Some(together.iter().all(|j| apart(i) >= apart(*j)))
+}
+
+/// True where a reading lies farther from the median of its neighbours on the path than those of them that were `found` from theirs.
+fn is_outlier_of_path(
+    gap: &[f64],
+    path: &[Option<OffPath>],
+    i: usize,
+    found: &BTreeSet<usize>,
+    neighbours: [usize; 4],
+) -> bool {
+    let off = |j: usize| {
+        let others = path[j].map(|p| median(&mut p.neighbours.map(|n| gap[n])));
+        others.map_or(0.0, |others| (gap[j] - others).abs())
+    };
+    neighbours.iter().filter(|j| found.contains(j)).all(|j| off(i) >= off(*j))
 }
 
 /// How far a reading lies from the line through its neighbours.

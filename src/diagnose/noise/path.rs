@@ -3,64 +3,93 @@
 use std::collections::BTreeMap;
 
 use super::super::constants::FEW;
-use super::super::moment::MachineState;
+use super::super::moment::{MachineState, SLOTS};
 use super::super::session::Session;
 
 /// Readings before and behind that a line on a path goes through.
-pub(super) const REACH: usize = 2;
-/// Positions (mm, rad), forces (N) and lengths (mm) that differ by less are equal.
-const STANDING: f64 = 1e-3;
+const REACH: usize = 2;
+/// Positions of linear axes (mm), forces (N) and lengths (mm) that differ by less are equal; and positions of rotary axes, rad.
+const EQUAL: f64 = 1e-3;
+const EQUAL_RAD: f64 = 1e-5;
 
-/// The reading of a ballbar, or one at standstill, minus the cubic through the two before it in its series and the two behind; and minus
-/// the nearest of that and of the lines through the two before and the two behind: a step or a bump of the path is none of its
-/// readings'. Neighbours are those `used`. NaN at the ends of a series and soon after a reversal or a stop, where the path may be sharp.
-pub(super) fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<[f64; 2]> {
+/// A reading beside its neighbours on a path.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OffPath {
+    /// The reading minus the cubic through the two before it in its series and the two behind, um.
+    pub(super) cubic_um: f64,
+    /// The smallest of that and of the distances from the lines through the two before and the two behind, um: a step or a bump of
+    /// the path is no outlier.
+    pub(super) nearest_um: f64,
+    /// The readings before and behind.
+    pub(super) neighbours: [usize; 2 * REACH],
+}
+
+/// Readings of ballbars and at standstill beside neighbours that are `used`. `None` for others, at the ends of a series, and soon after
+/// a reversal, a stop or the beginning at standstill, where the path may be sharp.
+pub(super) fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Option<OffPath>> {
     let mut series: BTreeMap<_, Vec<usize>> = BTreeMap::new();
     for (i, (r, m)) in session.readings.iter().zip(&session.moments).enumerate() {
-        let along = if m.is_ballbar { [0; 3] } else { [m.u.x, m.u.y, m.u.z].map(f64::to_bits) };
+        // -0 and 0 are one direction
+        let along = if m.is_ballbar { [0; 3] } else { [m.u.x, m.u.y, m.u.z].map(|c| (c + 0.0).to_bits()) };
         series.entry((r.run, r.instrument, along)).or_default().push(i);
     }
-    let mut out = vec![[f64::NAN; 2]; gap.len()];
+    let mut out = vec![None; gap.len()];
     for rows in series.into_values() {
-        let neighbours: Vec<usize> = rows.iter().copied().filter(|i| used[*i]).collect();
-        for i in rows {
-            let ahead = neighbours.partition_point(|j| *j < i);
+        let moment = |rank: usize| &session.moments[rows[rank]];
+        let mut stands_since = vec![0; rows.len()];
+        for k in 1..rows.len() {
+            stands_since[k] = if is_same_state(moment(k - 1), moment(k)) { stands_since[k - 1] } else { k };
+        }
+        let neighbours: Vec<usize> = (0..rows.len()).filter(|k| used[rows[*k]]).collect();
+        for (k, i) in rows.iter().copied().enumerate() {
+            let ahead = neighbours.partition_point(|j| *j < k);
             let behind = ahead + usize::from(used[i]);
             if ahead < REACH || behind + REACH > neighbours.len() {
                 continue;
             }
-            let w = [ahead - 2, ahead - 1, behind, behind + 1].map(|k| neighbours[k]);
-            let long_ago = ahead.checked_sub(FEW).map(|k| neighbours[k]);
-            if is_on_a_path(session, i, w, long_ago) {
-                let [two_before, before, behind, two_behind] = w.map(|j| gap[j]);
-                let cubic = (4.0 * (before + behind) - two_before - two_behind) / 6.0;
-                let apart = [cubic, 2.0 * before - two_before, 2.0 * behind - two_behind].map(|e| gap[i] - e);
-                let nearest = |a: f64, b: f64| if b.abs() < a.abs() { b } else { a };
-                out[i] = [apart[0], apart.into_iter().fold(f64::INFINITY, nearest)];
+            let ranks = [ahead - 2, ahead - 1, behind, behind + 1].map(|n| neighbours[n]);
+            let is_on_path = if moment(k).is_ballbar {
+                moment(ranks[0]).direction == moment(k).direction
+            } else {
+                let [first, last] = [ranks[0], ranks[3]].map(|rank| stands_since[rank]);
+                first == last && k - stands_since[k] >= FEW
+            };
+            if is_on_path {
+                out[i] = Some(off_path(gap, i, k, ranks, ranks.map(|rank| rows[rank])));
             }
         }
     }
     out
 }
 
-/// True where nothing but time changes between a reading and its neighbours, nor has since `long_ago`, so that the axes have settled;
-/// or nothing but the angle of a ballbar, without a reversal before it.
-fn is_on_a_path(
-    session: &Session,
+/// The reading `i`, of rank `k` in its series, beside `neighbours` of some `ranks`.
+fn off_path(
+    gap: &[f64],
     i: usize,
+    k: usize,
+    ranks: [usize; 2 * REACH],
     neighbours: [usize; 2 * REACH],
-    long_ago: Option<usize>,
-) -> bool {
-    let (m, is_close) =
-        (&session.moments[i], |a: f64, b: f64| (a - b).abs() < STANDING || a.to_bits() == b.to_bits());
-    if m.is_ballbar {
-        return session.moments[neighbours[0]].direction == m.direction;
-    }
-    let is_same = |j: usize| state(m).zip(state(&session.moments[j])).all(|(a, b)| is_close(*a, *b));
-    long_ago.is_some_and(is_same) && neighbours.into_iter().all(is_same)
+) -> OffPath {
+    let at = ranks.map(|rank| rank as f64 - k as f64);
+    // Lagrange's polynomial through some of them
+    let through = |points: &[usize]| -> f64 {
+        let weight = |p: &usize| -> f64 {
+            points.iter().filter(|q| *q != p).map(|q| at[*q] / (at[*q] - at[*p])).product()
+        };
+        points.iter().map(|p| weight(p) * gap[neighbours[*p]]).sum()
+    };
+    let [cubic_um, before, behind] = [&[0, 1, 2, 3][..], &[0, 1], &[2, 3]].map(|p| gap[i] - through(p));
+    let nearest = |a: f64, b: f64| if b.abs() < a.abs() { b } else { a };
+    OffPath { cubic_um, nearest_um: nearest(nearest(cubic_um, before), behind), neighbours }
 }
 
-/// What beside time changes a reading.
-fn state(m: &MachineState) -> impl Iterator<Item = &f64> {
-    m.position.iter().chain(&m.force_n).chain(m.target_mm.iter()).chain([&m.tool_length_mm])
+/// True where nothing changes that changes a reading but time, temperatures and the speed of the spindle.
+fn is_same_state(a: &MachineState, b: &MachineState) -> bool {
+    let is_equal = |a: f64, b: f64, least: f64| (a - b).abs() < least || a.to_bits() == b.to_bits();
+    let others = |m: &MachineState| {
+        let [force, target] = [m.force_n, m.target_mm.into()];
+        [force[0], force[1], force[2], target[0], target[1], target[2], m.tool_length_mm]
+    };
+    (0..SLOTS).all(|s| is_equal(a.position[s], b.position[s], if s < 3 { EQUAL } else { EQUAL_RAD }))
+        && others(a).into_iter().zip(others(b)).all(|(a, b)| is_equal(a, b, EQUAL))
 }

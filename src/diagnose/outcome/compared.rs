@@ -11,7 +11,7 @@ use super::super::library::Label;
 use super::super::localise::localise;
 use super::super::noise::{Random, spacing};
 use super::super::offsets::{peak99, rms, without_offsets};
-use super::super::prediction_interval::{CHANGE, changes_with_the_day};
+use super::super::prediction_interval::{DAY_FACTORS, varies_between_days};
 use super::super::report::{Shrink, Unexplained};
 use super::super::search::{Figures, Found};
 use super::super::session::Session;
@@ -108,16 +108,17 @@ pub(super) fn forecast(
         // few independent readings: another run's drift and discrepancy may be larger or smaller
         let scatter = (2.0 / c.effective.max(2.0)).sqrt();
         let of_columns = a.selection.chosen.iter().flat_map(|v| std::iter::repeat_n(v, a.problem.span[*v].1));
-        let changing: Vec<bool> =
-            of_columns.map(|v| changes_with_the_day(&a.library.variants[*v].shape)).collect();
-        let is_steady = taken.iter().all(|j| !changing[*j]);
+        let varying: Vec<Option<usize>> =
+            of_columns.map(|v| varies_between_days(&a.library.variants[*v].shape)).collect();
+        let is_steady = taken.iter().all(|j| varying[*j].is_none());
         let mut draws: Vec<f64> = (0..DRAWS)
             .map(|_| {
                 let error = &root * DVector::from_fn(k, |_, _| random.normal());
-                let size =
-                    if is_steady { 1.0 } else { CHANGE[0] + (CHANGE[1] - CHANGE[0]) * random.uniform() };
+                let [least, most] = DAY_FACTORS;
+                let mut factor = || if is_steady { 1.0 } else { least + (most - least) * random.uniform() };
+                let factors = [factor(), factor()];
                 let on_the_day = |v: DVector<f64>| {
-                    DVector::from_fn(k, |i, _| if changing[taken[i]] { size * v[i] } else { v[i] })
+                    DVector::from_fn(k, |i, _| varying[taken[i]].map_or(1.0, |what| factors[what]) * v[i])
                 };
                 let (truth, error) = (on_the_day(&mean + &error), on_the_day(error));
                 let square = |v: &DVector<f64>| (v.transpose() * &gram * v)[(0, 0)].max(0.0);

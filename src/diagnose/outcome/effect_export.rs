@@ -121,13 +121,14 @@ pub(super) fn not_seen_on(fresh: &mut Session, a: &Analysis, assessed: &[Assesse
         .collect()
 }
 
-/// RMS of fresh data without and with the causes declared, beside the readings `outlying`; the length of a ballbar is estimated anew.
+/// RMS of fresh data without and with the causes declared, beside the readings `outlying`. The length of a ballbar is estimated anew; one
+/// that `is_off` the readings of the session is no part of the gap here either.
 pub(super) fn seen_on(
     fresh: &mut Session,
     a: &Analysis,
     assessed: &[Assessed],
     (owner, beta): (&[usize], &[f64]),
-    outlying: &[usize],
+    (outlying, is_off): (&[usize], bool),
 ) -> (f64, f64) {
     let gap = fresh.gap();
     let used = all_but(gap.len(), outlying);
@@ -155,9 +156,12 @@ pub(super) fn seen_on(
             }
         }
     }
-    let before = without_offsets(fresh, &gap, &used);
+    let mut before = without_offsets(fresh, &gap, &used);
     let mut after = without_offsets(fresh, &after, &used);
-    if assessed.iter().any(|x| x.is_declared() && is_length(x)) {
+    if is_off {
+        remove_lengths(fresh, &mut before, &used);
+    }
+    if is_off || assessed.iter().any(|x| x.is_declared() && is_length(x)) {
         remove_lengths(fresh, &mut after, &used);
     }
     (rms(&before), rms(&after))
@@ -172,7 +176,7 @@ fn remove_lengths(session: &Session, left: &mut [f64], used: &[bool]) {
             (0..left.len()).filter(|i| used[*i] && session.readings[*i].setup == setup).collect();
         let product = |v: &[f64]| rows.iter().map(|i| along[*i] * v[*i]).sum::<f64>();
         let (length_um, weight) = (product(left), product(&along));
-        // short arcs do not tell a length from an offset
+        // an arc of a few degrees does not tell a length from an offset
         if weight > 1e-6 * rows.len() as f64 {
             rows.iter().for_each(|i| left[*i] -= length_um / weight * along[*i]);
         }

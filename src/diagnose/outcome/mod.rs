@@ -23,7 +23,7 @@ use super::library::Kind;
 use super::localise::localise;
 use super::noise::{ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers};
 use super::offsets::{residuals, rms, without_offsets};
-use super::prediction_interval::{Day, changes_with_the_day};
+use super::prediction_interval::{Day, varies_between_days};
 use super::report::{Cause, Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
 use super::residual_structure::structure;
 use super::session::Session;
@@ -131,7 +131,7 @@ fn day<'a>(
         }
         out
     };
-    let changes = |x: &Assessed| changes_with_the_day(&a.library.variants[x.variant].shape);
+    let changes = |x: &Assessed| varies_between_days(&a.library.variants[x.variant].shape).is_some();
     Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), changing: sum(&changes) }
 }
 
@@ -319,12 +319,12 @@ pub(super) fn conclude(
         let wild = outliers(f, &f.gap(), &lattices(f));
         if !wild.is_empty() {
             notes.push(format!(
-                "fresh data: {} of {} readings are marked as outliers or lie apart from their repeats; they are left out",
+                "fresh data: {} of {} readings are marked as outliers or lie apart from their repeats or their path; they are left out",
                 wild.len(),
                 f.readings.len()
             ));
         }
-        let seen = seen_on(f, a, &assessed, (&owner, &beta), &wild);
+        let seen = seen_on(f, a, &assessed, (&owner, &beta), (&wild, session.is_bar_length_off));
         let fraction = 1.0 - seen.1 / seen.0.max(1e-12);
         Fresh {
             rms_before_um: seen.0,
