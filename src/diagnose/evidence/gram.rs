@@ -69,6 +69,7 @@ pub(super) struct Member {
 }
 
 /// A set of effects prepared for comparison with those that differ by one.
+#[derive(Default)]
 pub(super) struct Conditioned {
     columns: Vec<usize>,
     /// Products of each of them with all columns.
@@ -155,22 +156,7 @@ impl Gram {
         }
         let k = at.len();
         if k == 0 {
-            return Conditioned {
-                columns: at,
-                products: Vec::new(),
-                factors,
-                chol: None,
-                known: Vec::new(),
-                known_products: Vec::new(),
-                flat: None,
-                has_process: false,
-                solved: DVector::zeros(0),
-                half: OnceCell::new(),
-                flat_half: OnceCell::new(),
-                seen: OnceCell::new(),
-                left: self.yy,
-                log_volume: 0.0,
-            };
+            return Conditioned { left: self.yy, ..Conditioned::default() };
         }
         let products: Vec<Rc<DVector<f64>>> = at.iter().map(|c| self.products(*c)).collect();
         let a = DMatrix::from_fn(k, k, |i, j| {
@@ -199,11 +185,9 @@ impl Gram {
             flat,
             has_process: set.iter().any(|m| columns.process[m.variant]),
             solved,
-            half: OnceCell::new(),
-            flat_half: OnceCell::new(),
-            seen: OnceCell::new(),
             left,
             log_volume,
+            ..Conditioned::default()
         }
     }
 

@@ -69,9 +69,8 @@ fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> V
         apart.filter(|(i, d)| used[*i] && d.abs() > OUTLYING).map(|(i, _)| i).collect();
     // beside an outlier its partners look wrong, too
     let is_outlier = |i: &usize| {
-        let among = |neighbours| is_outlier_of_path(gap, &path, *i, &found, neighbours);
         is_outlier_of_repeats(session, gap, used, *i)
-            .unwrap_or_else(|| path[*i].is_none_or(|p| among(p.neighbours)))
+            .unwrap_or_else(|| is_outlier_of_path(gap, &path, *i, &found))
     };
     found.iter().copied().filter(is_outlier).collect()
 }
@@ -86,33 +85,30 @@ fn by_class(
 ) -> Vec<Vec<(usize, f64)>> {
     let apart = from_partners(session, gap, used);
     let of = |class: usize| {
-        let rows_of = |is_finite: &dyn Fn(usize) -> bool| -> Vec<usize> {
-            let is_seen = |i: &usize| session.readings[*i].instrument == class && is_finite(*i);
-            (0..gap.len()).filter(is_seen).collect()
-        };
+        let is_of = |i: &usize| session.readings[*i].instrument == class;
         let deviation = |apart: &mut dyn Iterator<Item = f64>| {
             let mut sizes: Vec<f64> = apart.map(f64::abs).collect();
             (MAD * median(&mut sizes)).max(lattice_um[class] / 6f64.sqrt())
         };
-        let rows = rows_of(&|i| apart[i].is_finite());
+        let rows: Vec<usize> = (0..gap.len()).filter(|i| is_of(i) && apart[*i].is_finite()).collect();
         if rows.len() >= 2 * FEW {
             let detrended = (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k));
             let detrended: Vec<f64> = detrended.collect();
             let sigma = deviation(&mut detrended.iter().copied());
             return rows.into_iter().zip(detrended.iter().map(|d| d / sigma)).collect();
         }
-        let rows = rows_of(&|i| path[i].is_some());
+        let rows: Vec<(usize, OffPath)> =
+            (0..gap.len()).filter(is_of).filter_map(|i| Some((i, path[i]?))).collect();
         if rows.len() < 2 * FEW {
             return Vec::new();
         }
-        let off_path = || rows.iter().filter_map(|i| Some((*i, path[*i]?)));
-        let sigma = deviation(&mut off_path().map(|(_, p)| p.cubic_um));
+        let sigma = deviation(&mut rows.iter().map(|(_, p)| p.cubic_um));
         // beyond the limit counts what is also off the lines: a step of the path is not
         let apart = |(i, p): (usize, OffPath)| {
             let [cubic, nearest] = [p.cubic_um, p.nearest_um].map(|d| d / sigma);
             (i, if cubic.abs() > OUTLYING { nearest } else { cubic })
         };
-        off_path().map(apart).collect()
+        rows.into_iter().map(apart).collect()
     };
     let by_class: Vec<Vec<(usize, f64)>> = (0..session.instruments.len()).map(of).collect();
     // a class without scatter has no outliers
@@ -212,18 +208,13 @@ fn is_outlier_of_repeats(session: &Session, gap: &[f64], used: &[bool], i: usize
 }
 
 /// True where a reading lies farther from the median of its neighbours on the path than those of them that were `found` from theirs.
-fn is_outlier_of_path(
-    gap: &[f64],
-    path: &[Option<OffPath>],
-    i: usize,
-    found: &BTreeSet<usize>,
-    neighbours: [usize; 4],
-) -> bool {
+fn is_outlier_of_path(gap: &[f64], path: &[Option<OffPath>], i: usize, found: &BTreeSet<usize>) -> bool {
     let off = |j: usize| {
         let others = path[j].map(|p| median(&mut p.neighbours.map(|n| gap[n])));
         others.map_or(0.0, |others| (gap[j] - others).abs())
     };
-    neighbours.iter().filter(|j| found.contains(j)).all(|j| off(i) >= off(*j))
+    let mut neighbours = path[i].into_iter().flat_map(|p| p.neighbours);
+    neighbours.all(|j| !found.contains(&j) || off(i) >= off(j))
 }
 
 /// How far a reading lies from the line through its neighbours.

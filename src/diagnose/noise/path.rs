@@ -55,21 +55,16 @@ pub(super) fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Op
                 first == last && k - stands_since[k] >= FEW
             };
             if is_on_path {
-                out[i] = Some(off_path(gap, i, k, ranks, ranks.map(|rank| rows[rank])));
+                out[i] = Some(off_path(gap, &rows, k, ranks));
             }
         }
     }
     out
 }
 
-/// The reading `i`, of rank `k` in its series, beside `neighbours` of some `ranks`.
-fn off_path(
-    gap: &[f64],
-    i: usize,
-    k: usize,
-    ranks: [usize; 2 * REACH],
-    neighbours: [usize; 2 * REACH],
-) -> OffPath {
+/// The reading of rank `k` in a series of `rows` beside neighbours of some `ranks`.
+fn off_path(gap: &[f64], rows: &[usize], k: usize, ranks: [usize; 2 * REACH]) -> OffPath {
+    let neighbours = ranks.map(|rank| rows[rank]);
     let at = ranks.map(|rank| rank as f64 - k as f64);
     // Lagrange's polynomial through some of them
     let through = |points: &[usize]| -> f64 {
@@ -78,7 +73,7 @@ fn off_path(
         };
         points.iter().map(|p| weight(p) * gap[neighbours[*p]]).sum()
     };
-    let [cubic_um, before, behind] = [&[0, 1, 2, 3][..], &[0, 1], &[2, 3]].map(|p| gap[i] - through(p));
+    let [cubic_um, before, behind] = [&[0, 1, 2, 3][..], &[0, 1], &[2, 3]].map(|p| gap[rows[k]] - through(p));
     let nearest = |a: f64, b: f64| if b.abs() < a.abs() { b } else { a };
     OffPath { cubic_um, nearest_um: nearest(nearest(cubic_um, before), behind), neighbours }
 }
@@ -86,10 +81,11 @@ fn off_path(
 /// True where nothing changes that changes a reading but time, temperatures and the speed of the spindle.
 fn is_same_state(a: &MachineState, b: &MachineState) -> bool {
     let is_equal = |a: f64, b: f64, least: f64| (a - b).abs() < least || a.to_bits() == b.to_bits();
-    let others = |m: &MachineState| {
-        let [force, target] = [m.force_n, m.target_mm.into()];
-        [force[0], force[1], force[2], target[0], target[1], target[2], m.tool_length_mm]
-    };
     (0..SLOTS).all(|s| is_equal(a.position[s], b.position[s], if s < 3 { EQUAL } else { EQUAL_RAD }))
-        && others(a).into_iter().zip(others(b)).all(|(a, b)| is_equal(a, b, EQUAL))
+        && others(a).zip(others(b)).all(|(a, b)| is_equal(*a, *b, EQUAL))
+}
+
+/// Forces, target and length of the tool.
+fn others(m: &MachineState) -> impl Iterator<Item = &f64> {
+    m.force_n.iter().chain(m.target_mm.iter()).chain([&m.tool_length_mm])
 }
