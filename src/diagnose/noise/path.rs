@@ -89,3 +89,35 @@ fn is_same_state(a: &MachineState, b: &MachineState) -> bool {
 fn others(m: &MachineState) -> impl Iterator<Item = &f64> {
     m.force_n.iter().chain(m.target_mm.iter()).chain([&m.tool_length_mm])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::machine_state::Machine;
+    use super::super::super::session::{History, Raw, Session};
+    use super::{FEW, REACH, from_path};
+
+    /// Readings at 50 mm but for those in `away`, one of 9 um in their middle.
+    fn judged(n: usize, away: std::ops::Range<usize>) -> Vec<usize> {
+        let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
+        let mut raw = Raw::made_up("s.csv", &names);
+        for k in 0..n {
+            let x = if away.contains(&k) { 55.0 } else { 50.0 };
+            let d = if k == n / 2 { 9.0 } else { 0.0 };
+            raw.push("laser", k as u64 + 2, &[k as f64, 1.0, 1.0, 1.0, x, 1.0, 0.0, 0.0, d]);
+        }
+        let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+        let path = from_path(&session, &session.gap(), &vec![true; n]);
+        let off = |i: usize| path[i].is_some_and(|p| p.cubic_um == 9.0 && p.nearest_um == 9.0);
+        assert_eq!((0..n).filter(|i| off(*i)).collect::<Vec<_>>(), [n / 2]);
+        (0..n).filter(|i| path[*i].is_some()).collect()
+    }
+
+    #[test]
+    fn a_series_at_standstill_is_judged_once_it_has_settled() {
+        let last = 80 - REACH;
+        assert_eq!(judged(80, 0..0), (FEW..last).collect::<Vec<_>>());
+        // away and back within the readings that settle: they are counted from the return
+        let settled = [FEW..18 - REACH, 22 + FEW..last].into_iter().flatten();
+        assert_eq!(judged(80, 18..22), settled.collect::<Vec<_>>());
+    }
+}
