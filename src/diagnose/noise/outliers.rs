@@ -234,8 +234,10 @@ fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::machine_state::Machine;
+    use super::super::super::session::{History, Raw, Session};
     use super::super::Random;
-    use super::{MAD, OUTLYING, Tails, median, tails_of};
+    use super::{MAD, OUTLYING, Tails, median, outliers, tails_of};
 
     /// Differences of two draws of Student's noise in robust standard deviations, some of them replaced by `wild`.
     fn noise(freedom: usize, n: usize, wild: &[f64]) -> Tails {
@@ -267,5 +269,24 @@ mod tests {
         // in the shoulders of a small set more could be hidden than lies beyond, but not so far out
         let t = noise(3, 250, &[2.5 * OUTLYING; 10]);
         assert!(!is_beyond(&t, 0) && is_beyond(&t, 1), "{t:?}");
+    }
+
+    /// A wave of 8 mm in circles of 100 mm with a reading every four degrees bends sooner than a cubic through four of them.
+    #[test]
+    fn a_wave_that_circles_sample_coarsely_scatters_about_its_path() {
+        let names = ["t_s", "setup", "run", "repeat", "x_mm", "y_mm", "u_x", "u_y", "u_z", "deviation_um"];
+        let (mut raw, mut random) = (Raw::made_up("s.csv", &names), Random::new(3));
+        for (run, sign) in [(1.0, 1.0), (2.0, -1.0)] {
+            for k in 0..90 {
+                let (sin, cos) = (sign * (4.0 * f64::from(k) + 2.0)).to_radians().sin_cos();
+                let wave = 12.0 * (100.0 * sin * core::f64::consts::TAU / 8.0).sin() * sin;
+                let t = 100.0 * run + 0.2 * f64::from(k);
+                let row = [t, 1.0, run, 1.0, 100.0 * cos, 100.0 * sin, cos, sin, 0.0];
+                let row = [&row[..], &[wave + 0.5 * random.normal()]].concat();
+                raw.push("ballbar", raw.lines.len() as u64 + 2, &row);
+            }
+        }
+        let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+        assert_eq!(outliers(&session, &session.gap(), &[0.0]), []);
     }
 }
