@@ -188,8 +188,8 @@ fn analyse(
 ) -> Analysis {
     tell(0.0, "noise from repeats");
     let gap = session.gap();
-    let outlying = noise::outliers(session, &gap, lattice_um);
-    let used = noise::all_but(gap.len(), &outlying);
+    let mut outlying = noise::outliers(session, &gap, lattice_um);
+    let mut used = noise::all_but(gap.len(), &outlying);
     let ablation = options.ablation;
     let steady = |mut classes: Vec<ClassNoise>| {
         if !ablation.has_drift() {
@@ -238,11 +238,21 @@ fn analyse(
         {
             return analyse(session, options, lattice_um, raw, tell);
         }
-        let next = {
-            let left = remainder(session, &problem, &library, &selection, &gap);
-            steady(noise::from_remainder(session, &left, &used, &class_noise))
+        let left = remainder(session, &problem, &library, &selection, &gap);
+        let is_judged = !is_plain && !problem.precise && round < ROUNDS;
+        let further = if is_judged {
+            noise::off_the_fit(session, &filter, &left, lattice_um, (&class_noise, &used))
+        } else {
+            Vec::new()
         };
-        let settled = class_noise.iter().zip(&next).all(|(a, b)| alike(a, b));
+        if !further.is_empty() {
+            outlying.extend(&further);
+            outlying.sort_unstable();
+            used = noise::all_but(gap.len(), &outlying);
+            class_noise = steady(noise::from_repeats(session, &gap, &used, lattice_um));
+        }
+        let next = steady(noise::from_remainder(session, &left, &used, &class_noise));
+        let settled = further.is_empty() && class_noise.iter().zip(&next).all(|(a, b)| alike(a, b));
         if settled || round >= ROUNDS {
             // the control's own encoders see the servo, which depends on no place
             if !is_plain && !problem.precise {

@@ -231,10 +231,52 @@ impl Filter {
         data
     }
 
+    /// Residual of each reading from what all others predict, in its standard deviations, of a column in the order of the session's
+    /// rows; in the filter's order. Source: de Jong, Penzer 1998 (deletion residuals by the smoother's recursions).
+    #[must_use]
+    pub fn deletion_residuals(&self, values: &[f64]) -> Vec<f64> {
+        let mut out = self.column(values);
+        let (mut pull, mut weight) = ([0.0; STATES], [[0.0; STATES]; STATES]);
+        for (place, g) in self.gains.iter().enumerate().rev() {
+            // from the state behind the row after this one to the state behind this row
+            match self.gains.get(place + 1) {
+                Some(next) if next.decay >= 0.0 => {
+                    decay(&mut pull, &mut weight, self.drift_states[place], next.decay)
+                }
+                _ => (pull, weight) = ([0.0; STATES], [[0.0; STATES]; STATES]),
+            }
+            let product = weight.map(|row| inner(&row, &g.k));
+            let smoothed = out[place] * g.weight - inner(&g.k, &pull);
+            let precision = g.weight * g.weight + inner(&g.k, &product);
+            out[place] = smoothed / precision.sqrt();
+            // L' = I - h k'
+            pull = core::array::from_fn(|i| pull[i] + g.h[i] * smoothed);
+            let of = |i: usize, j: usize| {
+                weight[i][j] - g.h[i] * product[j] - product[i] * g.h[j] + g.h[i] * g.h[j] * precision
+            };
+            weight = core::array::from_fn(|i| core::array::from_fn(|j| of(i, j)));
+        }
+        out
+    }
+
     /// Twice the negative log-likelihood of filtered readings, large ones clipped so that outliers do not rule.
     #[must_use]
     pub fn minus_two_log(&self, filtered: &[f64]) -> f64 {
         self.log_variance + filtered.iter().map(|e| (e * e).min(9.0 + (e * e).ln_1p())).sum::<f64>()
+    }
+}
+
+fn inner(a: &[f64; STATES], b: &[f64; STATES]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Takes what later readings say of the state through the decay of the first `d` states.
+fn decay(pull: &mut [f64; STATES], weight: &mut [[f64; STATES]; STATES], d: usize, decay: f64) {
+    pull.iter_mut().take(d).for_each(|v| *v *= decay);
+    for (i, row) in weight.iter_mut().enumerate() {
+        for (j, v) in row.iter_mut().enumerate() {
+            *v *= [1.0, decay][usize::from(i < d)] * [1.0, decay][usize::from(j < d)];
+        }
     }
 }
 
@@ -270,4 +312,43 @@ fn update(p: &mut [[f64; STATES]; STATES], n: usize, h: &[f64; STATES], white: f
         }
     }
     (k, s)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+
+    use super::super::super::machine_state::Machine;
+    use super::super::super::session::{History, Raw, Session};
+    use super::super::Random;
+    use super::{ClassNoise, Filter};
+
+    /// Two setups of a drifting tracker, which turns: against the inverse of the covariance that the filter stands for.
+    #[test]
+    fn deletion_residuals_are_those_of_the_dense_covariance() {
+        let names = ["t_s", "setup", "run", "repeat", "x_mm", "y_mm", "u_x", "u_y", "u_z", "deviation_um"];
+        let (mut raw, mut random) = (Raw::made_up("s.csv", &names), Random::new(5));
+        for k in 0..40 {
+            let (setup, along) = (f64::from(1 + k / 22), f64::from(k % 3 % 2));
+            let (x, y) = (150.0 * f64::from(k % 7), 90.0 * f64::from(k % 5));
+            let read_um = 3.0 * random.normal();
+            let row = [20.0 * f64::from(k), setup, setup, 1.0, x, y, along, 1.0 - along, 0.0, read_um];
+            raw.push("tracker", raw.lines.len() as u64 + 2, &row);
+        }
+        let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+        let noise = [ClassNoise { white_um: 1.3, drift_um: 2.0, drift_s: 90.0 }];
+        let filter = Filter::new(&session, &noise, &[true; 40]);
+        let order = filter.order().to_vec();
+        let mut whitened = DMatrix::<f64>::identity(40, 40);
+        filter.apply(whitened.as_mut_slice(), 40);
+        // rows lie one behind the other
+        let precision = &whitened * whitened.transpose();
+        let gap = session.gap();
+        let pull = &precision * DVector::from_iterator(40, order.iter().map(|i| gap[*i]));
+        for (k, residual) in filter.deletion_residuals(&gap).into_iter().enumerate() {
+            let wanted = pull[k] / precision[(k, k)].sqrt();
+            // the first readings of a setup are known to no better than its mounting
+            assert!((residual - wanted).abs() < 1e-4, "{k}: {residual} {wanted}");
+        }
+    }
 }

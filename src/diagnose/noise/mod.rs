@@ -18,7 +18,7 @@ use super::session::Session;
 
 pub use classes::{from_remainder, from_repeats, pair_residuals, repeats_tell};
 pub use filter::{ClassNoise, Filter};
-pub use outliers::{Tails, all_but, from_partners, outliers, tails};
+pub use outliers::{Tails, all_but, from_partners, off_the_fit, outliers, tails};
 pub use quantisation::lattices;
 pub use random::Random;
 pub use range::{AngleNoise, RangeNoise, angle_noise, range_noise};

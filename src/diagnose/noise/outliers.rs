@@ -1,9 +1,10 @@
 //! Outliers, from repeats; where there are none, on the path of a ballbar and at standstill, from neighbours.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::constants::{FEW, NEARLY, OUTLYING, ROUNDS};
+use super::super::constants::{CREEP, FEW, LITTLE, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
+use super::filter::{ClassNoise, Filter};
 use super::path::{OffPath, from_path};
 use super::{MAD, median, repeats_of};
 
@@ -28,6 +29,62 @@ pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize
         found.extend(new);
     }
     found.sort_unstable();
+    found
+}
+
+/// Readings of `left` (the gap without its causes) at standstill, off any path, that are far from what all others of their setup
+/// predict and from each of their repeats, of neighbours that see the same direction the farthest; none of a class that has more than
+/// one in twenty of them: those are the tails of its noise, or structure.
+#[must_use]
+pub fn off_the_fit(
+    session: &Session,
+    filter: &Filter,
+    left: &[f64],
+    lattice_um: &[f64],
+    (noise, used): (&[ClassNoise], &[bool]),
+) -> Vec<usize> {
+    let path = from_path(session, left, used);
+    let is_judged = |i: usize| {
+        let m = &session.moments[i];
+        let stands = m.velocity.iter().all(|v| v.is_nan() || v.abs() < CREEP);
+        path[i].is_none() && stands && !m.is_ballbar && !m.is_encoder
+    };
+    let order = filter.order();
+    let off = filter.deletion_residuals(left);
+    let mut repeats: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (k, i) in order.iter().enumerate() {
+        if let Some(pair) = session.readings[*i].pair {
+            repeats.entry(pair).or_default().push(k);
+        }
+    }
+    let mut found = Vec::new();
+    for (class, (noise, lattice_um)) in noise.iter().zip(lattice_um).enumerate() {
+        let is_of = |k: &usize| session.readings[order[*k]].instrument == class && is_judged(order[*k]);
+        let places: Vec<usize> = (0..order.len()).filter(is_of).collect();
+        if places.len() < 2 * FEW {
+            continue;
+        }
+        let sigma = MAD * median(&mut places.iter().map(|k| off[*k].abs()).collect::<Vec<f64>>());
+        let limit = OUTLYING * sigma.max(lattice_um / 6f64.sqrt() / noise.white_um);
+        let is_far = |k: &usize| {
+            let pair = session.readings[order[*k]].pair.and_then(|p| repeats.get(&p));
+            let mut partners = pair.into_iter().flatten().filter(|l| *l != k);
+            off[*k].abs() > limit && partners.all(|l| (off[*k] - off[*l]).abs() > limit)
+        };
+        let far: Vec<usize> = places.iter().copied().filter(is_far).collect();
+        if far.len() as f64 > LITTLE * places.len() as f64 {
+            continue;
+        }
+        let beside = |k: usize, l: usize| {
+            let [a, b] = [order[k], order[l]];
+            l.abs_diff(k) <= NEIGHBOURS
+                && session.readings[a].setup == session.readings[b].setup
+                && session.moments[a].u.dot(&session.moments[b].u).abs() > NEARLY
+        };
+        let is_farthest =
+            |k: &&usize| far.iter().all(|l| !beside(**k, *l) || off[**k].abs() >= off[*l].abs());
+        found.extend(far.iter().filter(is_farthest).map(|k| order[*k]));
+    }
     found
 }
 
