@@ -74,7 +74,7 @@ pub(crate) struct Calibration {
 /// otherwise. `evidence` and `base` as they were (0.7 and -0.9): a third more wrong names. `session` halved: names of effects outside
 /// the library; doubled: a real capture loses its inertial effects.
 pub(crate) const CALIBRATION: Calibration =
-    Calibration { base: -2.4, evidence: 1.1, deviation: 5.0, session: 7.0, against: 5.0 };
+    Calibration { base: -2.2, evidence: 1.1, deviation: 6.0, session: 7.0, against: 5.0 };
 /// Group probability from which an effect is declared. Halved: one more wrong name in three; doubled: nothing.
 pub(crate) const DECLARED: f64 = 0.6;
 /// Own probability from which it is: below, its name is one of many. Halved: little; doubled: one of three clocks goes unnamed.
