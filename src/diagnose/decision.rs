@@ -350,7 +350,7 @@ mod tests {
         };
         assert_eq!(of(Figures { between: 1.2, ..GOOD }), Cost::Between(1.2));
         assert_eq!(of(Figures { misform: 1.3, ..GOOD }), Cost::Misform(1.3));
-        assert_eq!(of(Figures { against: -1.0, between: 0.4, ..GOOD }), Cost::TakesBack);
+        assert_eq!(of(Figures { against: -1.0, between: 0.3, ..GOOD }), Cost::TakesBack);
     }
 
     #[test]
