@@ -71,7 +71,7 @@ pub(crate) struct Calibration {
 
 /// Logistic regression over claims in blind cases of generators of two other hands (docs/development/ablation.md), within its
 /// uncertainty at values by which what differs by most of itself from program to program is no cause, however well the session does
-/// otherwise. `evidence` and `base` as they were (0.7 and -0.9): a third more wrong names. `session` halved: names of effects outside
+/// otherwise. As they were for the house's own generators (-0.9, 0.7, 3, 6): a third more wrong names. `session` halved: names of effects outside
 /// the library; doubled: a real capture loses its inertial effects.
 pub(crate) const CALIBRATION: Calibration =
     Calibration { base: -2.2, evidence: 1.1, deviation: 6.0, session: 7.0, against: 5.0 };

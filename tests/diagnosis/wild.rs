@@ -234,18 +234,9 @@ fn lines_and_plate(passes: u32, seed: u64) -> (String, BTreeSet<usize>) {
                 let systematic_um = [0.015 * q[0], 0.0, -2.0 * f64::from(sign)][axis];
                 let (read_um, pair) = (systematic_um + NOISE_UM * noise(), 2 * target + i32::from(sign < 0));
                 (t, row) = (t + 8.0, row + 1);
-                writeln!(
-                    table,
-                    "{t},laser,{},{run},{cycle},{pair},{},{},{},{},{},{},{read_um:.3}",
-                    axis + 1,
-                    q[0],
-                    q[1],
-                    q[2],
-                    u[0],
-                    u[1],
-                    u[2]
-                )
-                .unwrap();
+                let ([x, y, z], [along_x, along_y, along_z], setup) = (q, u, axis + 1);
+                let state = format!("{setup},{run},{cycle},{pair},{x},{y},{z}");
+                writeln!(table, "{t},laser,{state},{along_x},{along_y},{along_z},{read_um:.3}").unwrap();
             }
         }
     }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use super::super::constants::{DECIMALS_UM, FEW, MANY, NEARLY, NOISE_SHARE, REPEATS, ROWS, STRONG};
 use super::super::session::{Session, is_encoder};
-use super::{ClassNoise, Filter, clipped_deviation};
+use super::{ClassNoise, Filter, by_pair, clipped_deviation};
 
 /// Ratios of drift to white noise that are tried.
 const RATIOS: [f64; 12] = [0.0, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 14.0];
@@ -18,14 +18,8 @@ const TIMES: usize = 7;
 /// What differs between repeats, scaled to the size of the noise; NaN where a reading has no partner.
 #[must_use]
 pub fn pair_residuals(session: &Session, values: &[f64], used: &[bool]) -> Vec<f64> {
-    let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (i, r) in session.readings.iter().enumerate() {
-        if let (Some(p), true) = (r.pair, used[i]) {
-            groups.entry(p).or_default().push(i);
-        }
-    }
     let mut out = vec![f64::NAN; values.len()];
-    for rows in groups.values().filter(|g| g.len() > 1) {
+    for rows in by_pair(session, used).iter().filter(|g| g.len() > 1) {
         let mean = rows.iter().map(|i| values[*i]).sum::<f64>() / rows.len() as f64;
         let scale = (rows.len() as f64 / (rows.len() - 1) as f64).sqrt();
         for i in rows {

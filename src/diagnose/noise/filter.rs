@@ -241,7 +241,9 @@ impl Filter {
             // from the state behind the row after this one to the state behind this row
             match self.gains.get(place + 1) {
                 Some(next) if next.decay >= 0.0 => {
-                    decay(&mut pull, &mut weight, self.drift_states[place], next.decay)
+                    let d = self.drift_states[place];
+                    pull.iter_mut().take(d).for_each(|v| *v *= next.decay);
+                    decay_drift(&mut weight, STATES, d, next.decay);
                 }
                 _ => (pull, weight) = ([0.0; STATES], [[0.0; STATES]; STATES]),
             }
@@ -270,17 +272,8 @@ fn inner(a: &[f64; STATES], b: &[f64; STATES]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Takes what later readings say of the state through the decay of the first `d` states.
-fn decay(pull: &mut [f64; STATES], weight: &mut [[f64; STATES]; STATES], d: usize, decay: f64) {
-    pull.iter_mut().take(d).for_each(|v| *v *= decay);
-    for (i, row) in weight.iter_mut().enumerate() {
-        for (j, v) in row.iter_mut().enumerate() {
-            *v *= [1.0, decay][usize::from(i < d)] * [1.0, decay][usize::from(j < d)];
-        }
-    }
-}
-
-fn propagate(p: &mut [[f64; STATES]; STATES], n: usize, d: usize, decay: f64, drift: f64) {
+/// A quadratic form of the first `n` states as the first `d` of them, the drift, decay.
+fn decay_drift(p: &mut [[f64; STATES]; STATES], n: usize, d: usize, decay: f64) {
     for (i, row) in p.iter_mut().enumerate().take(n) {
         for (j, v) in row.iter_mut().enumerate().take(n) {
             *v *= match (i < d, j < d) {
@@ -290,6 +283,10 @@ fn propagate(p: &mut [[f64; STATES]; STATES], n: usize, d: usize, decay: f64, dr
             };
         }
     }
+}
+
+fn propagate(p: &mut [[f64; STATES]; STATES], n: usize, d: usize, decay: f64, drift: f64) {
+    decay_drift(p, n, d, decay);
     for (i, row) in p.iter_mut().enumerate().take(d) {
         row[i] += drift * drift * (1.0 - decay * decay);
     }

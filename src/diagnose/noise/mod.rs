@@ -13,7 +13,8 @@ mod vibration_spectrum;
 
 use std::collections::BTreeMap;
 
-use super::constants::SIGNIFICANT;
+use super::constants::{CREEP, SIGNIFICANT};
+use super::moment::MachineState;
 use super::session::Session;
 
 pub use classes::{from_remainder, from_repeats, pair_residuals, repeats_tell};
@@ -37,6 +38,23 @@ fn repeats_of(session: &Session, rows: impl IntoIterator<Item = usize>) -> BTree
         }
     }
     repeats
+}
+
+/// The readings `used` of each pair, by its number.
+fn by_pair(session: &Session, used: &[bool]) -> Vec<Vec<usize>> {
+    let pairs = session.readings.iter().filter_map(|r| r.pair).max().map_or(0, |p| p + 1);
+    let mut groups = vec![Vec::new(); pairs];
+    for (i, r) in session.readings.iter().enumerate() {
+        if let (Some(p), true) = (r.pair, used[i]) {
+            groups[p].push(i);
+        }
+    }
+    groups
+}
+
+/// True where an axis is known to move; unknown velocities are NaN.
+fn moves(m: &MachineState) -> bool {
+    m.velocity.iter().any(|v| v.abs() > CREEP)
 }
 
 /// The median; NaN of nothing.

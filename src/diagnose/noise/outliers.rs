@@ -1,12 +1,13 @@
-//! Outliers, from repeats; where there are none, on the path of a ballbar and at standstill, from neighbours.
+//! Outliers, from repeats; where there are none, on the path of a ballbar and at standstill, from neighbours; in campaigns, from what
+//! all other readings and the effects found predict.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
-use super::super::constants::{CREEP, FEW, LITTLE, NEARLY, OUTLYING, ROUNDS};
+use super::super::constants::{FEW, LITTLE, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
 use super::filter::{ClassNoise, Filter};
 use super::path::{OffPath, from_path};
-use super::{MAD, median, repeats_of};
+use super::{MAD, by_pair, median, moves, repeats_of};
 
 /// Readings on both sides whose median is taken as the slow part.
 const NEIGHBOURS: usize = 4;
@@ -46,44 +47,41 @@ pub fn off_the_fit(
     let path = from_path(session, left, used);
     let is_judged = |i: usize| {
         let m = &session.moments[i];
-        let stands = m.velocity.iter().all(|v| v.is_nan() || v.abs() < CREEP);
-        path[i].is_none() && stands && !m.is_ballbar && !m.is_encoder
+        path[i].is_none() && !moves(m) && !m.is_ballbar && !m.is_encoder
     };
     let order = filter.order();
-    let off = filter.deletion_residuals(left);
-    let mut repeats: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (k, i) in order.iter().enumerate() {
-        if let Some(pair) = session.readings[*i].pair {
-            repeats.entry(pair).or_default().push(k);
-        }
-    }
+    let mut off = vec![f64::NAN; left.len()];
+    order.iter().zip(filter.deletion_residuals(left)).for_each(|(i, residual)| off[*i] = residual);
+    let partners = by_pair(session, used);
     let mut found = Vec::new();
     for (class, (noise, lattice_um)) in noise.iter().zip(lattice_um).enumerate() {
-        let is_of = |k: &usize| session.readings[order[*k]].instrument == class && is_judged(order[*k]);
-        let places: Vec<usize> = (0..order.len()).filter(is_of).collect();
-        if places.len() < 2 * FEW {
+        let is_of = |i: usize| session.readings[i].instrument == class && is_judged(i);
+        // the place of each in the order of the filter, and the reading
+        let rows: Vec<(usize, usize)> =
+            order.iter().copied().enumerate().filter(|(_, i)| is_of(*i)).collect();
+        if rows.len() < 2 * FEW {
             continue;
         }
-        let sigma = MAD * median(&mut places.iter().map(|k| off[*k].abs()).collect::<Vec<f64>>());
-        let limit = OUTLYING * sigma.max(lattice_um / 6f64.sqrt() / noise.white_um);
-        let is_far = |k: &usize| {
-            let pair = session.readings[order[*k]].pair.and_then(|p| repeats.get(&p));
-            let mut partners = pair.into_iter().flatten().filter(|l| *l != k);
-            off[*k].abs() > limit && partners.all(|l| (off[*k] - off[*l]).abs() > limit)
+        let least = lattice_um / 6f64.sqrt() / noise.white_um;
+        let limit = OUTLYING * robust_deviation(rows.iter().map(|(_, i)| off[*i]), least);
+        let is_far = |(_, i): &(usize, usize)| {
+            let mut others =
+                session.readings[*i].pair.into_iter().flat_map(|p| &partners[p]).filter(|j| *j != i);
+            off[*i].abs() > limit && others.all(|j| (off[*i] - off[*j]).abs() > limit)
         };
-        let far: Vec<usize> = places.iter().copied().filter(is_far).collect();
-        if far.len() as f64 > LITTLE * places.len() as f64 {
+        let far: Vec<(usize, usize)> = rows.iter().copied().filter(is_far).collect();
+        if far.len() as f64 > LITTLE * rows.len() as f64 {
             continue;
         }
-        let beside = |k: usize, l: usize| {
-            let [a, b] = [order[k], order[l]];
-            l.abs_diff(k) <= NEIGHBOURS
-                && session.readings[a].setup == session.readings[b].setup
-                && session.moments[a].u.dot(&session.moments[b].u).abs() > NEARLY
+        let is_farthest = |(k, i): &(usize, usize)| {
+            let is_beside = |(l, j): &&(usize, usize)| {
+                l.abs_diff(*k) <= NEIGHBOURS
+                    && session.readings[*i].setup == session.readings[*j].setup
+                    && session.moments[*i].u.dot(&session.moments[*j].u).abs() > NEARLY
+            };
+            far.iter().filter(is_beside).all(|(_, j)| off[*i].abs() >= off[*j].abs())
         };
-        let is_farthest =
-            |k: &&usize| far.iter().all(|l| !beside(**k, *l) || off[**k].abs() >= off[*l].abs());
-        found.extend(far.iter().filter(is_farthest).map(|k| order[*k]));
+        found.extend(far.iter().filter(|f| is_farthest(f)).map(|(_, i)| *i));
     }
     found
 }
@@ -100,15 +98,8 @@ pub fn all_but(n: usize, outlying: &[usize]) -> Vec<bool> {
 /// others look like one; NaN without a partner.
 #[must_use]
 pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
-    let pairs = session.readings.iter().filter_map(|r| r.pair).max().map_or(0, |p| p + 1);
-    let mut groups: Vec<Vec<usize>> = vec![Vec::new(); pairs];
-    for (i, r) in session.readings.iter().enumerate() {
-        if let (Some(p), true) = (r.pair, used[i]) {
-            groups[p].push(i);
-        }
-    }
     let mut out = vec![f64::NAN; gap.len()];
-    for rows in groups.iter().filter(|g| g.len() > 1) {
+    for rows in by_pair(session, used).iter().filter(|g| g.len() > 1) {
         for i in rows {
             let mut apart: Vec<f64> = rows.iter().filter(|j| *j != i).map(|j| gap[*i] - gap[*j]).collect();
             apart.sort_by(f64::total_cmp);
@@ -117,6 +108,12 @@ pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> 
         }
     }
     out
+}
+
+/// The robust standard deviation about zero, at least `least`: where a display rounds, most values may be equal.
+fn robust_deviation(values: impl Iterator<Item = f64>, least: f64) -> f64 {
+    let mut sizes: Vec<f64> = values.map(f64::abs).collect();
+    (MAD * median(&mut sizes)).max(least)
 }
 
 fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<usize> {
@@ -143,15 +140,12 @@ fn by_class(
     let apart = from_partners(session, gap, used);
     let of = |class: usize| {
         let is_of = |i: &usize| session.readings[*i].instrument == class;
-        let deviation = |apart: &mut dyn Iterator<Item = f64>| {
-            let mut sizes: Vec<f64> = apart.map(f64::abs).collect();
-            (MAD * median(&mut sizes)).max(lattice_um[class] / 6f64.sqrt())
-        };
+        let least_um = lattice_um[class] / 6f64.sqrt();
         let rows: Vec<usize> = (0..gap.len()).filter(|i| is_of(i) && apart[*i].is_finite()).collect();
         if rows.len() >= 2 * FEW {
             let detrended = (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k));
             let detrended: Vec<f64> = detrended.collect();
-            let sigma = deviation(&mut detrended.iter().copied());
+            let sigma = robust_deviation(detrended.iter().copied(), least_um);
             return rows.into_iter().zip(detrended.iter().map(|d| d / sigma)).collect();
         }
         let rows: Vec<(usize, OffPath)> =
@@ -159,7 +153,7 @@ fn by_class(
         if rows.len() < 2 * FEW {
             return Vec::new();
         }
-        let sigma = deviation(&mut rows.iter().map(|(_, p)| p.cubic_um));
+        let sigma = robust_deviation(rows.iter().map(|(_, p)| p.cubic_um), least_um);
         // beyond the limit counts what is also off the lines: a step of the path is not
         let apart = |(i, p): (usize, OffPath)| {
             let [cubic, nearest] = [p.cubic_um, p.nearest_um].map(|d| d / sigma);

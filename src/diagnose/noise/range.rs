@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::super::constants::{CREEP, FEW, HALF, SIGNIFICANT};
+use super::super::constants::{FEW, HALF, SIGNIFICANT};
 use super::super::library::line_of_sight;
 use super::super::moment::Moment;
 use super::super::session::Session;
+use super::moves;
 
 /// Noise that grows with the distance.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,7 +77,7 @@ fn neighbours(
     for i in (0..residuals.len()).filter(of_class) {
         let (r, m) = (&session.readings[i], &session.moments[i]);
         let (axis, own) = (m.u.iamax(), of(m));
-        if own.is_nan() || m.velocity.iter().any(|v| v.abs() > CREEP) {
+        if own.is_nan() || moves(m) {
             continue;
         }
         if let Some((residual, other)) = last.insert((r.run, r.repeat, axis), (residuals[i], own)) {

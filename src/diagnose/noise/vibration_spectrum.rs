@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::super::constants::{CREEP, LOWEST_HZ, MANY, NEARLY};
 use super::super::moment::SLOTS;
 use super::super::session::{Session, Times, is_encoder};
+use super::moves;
 use volcomp_model::statistics::chi_square_upper;
 
 /// A vibration.
@@ -130,7 +131,7 @@ pub fn beside_repeats(session: &Session, used: &[bool], left_um: &[f64]) -> Vec<
 /// because a motion has lines of its own, and of two repeats, which then say the same, the first. `None` for moving readings
 /// without repeats.
 fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Option<f64>> {
-    let moves = |i: usize| session.moments[i].velocity.iter().any(|v| !v.is_nan() && v.abs() > CREEP);
+    let moves = |i: usize| moves(&session.moments[i]);
     // an encoder at rest between two moves shows how its servo settles
     let servo: BTreeSet<usize> = order
         .iter()
