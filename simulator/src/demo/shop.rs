@@ -260,14 +260,19 @@ impl Shop {
     }
 }
 
-/// What a daemon said last: its error with the hint, else its last warning, else that it said nothing.
+/// What a daemon said last: its error with the hint, else why compensation stays off, else its last warning, else that it
+/// said nothing.
 fn last_words(log: &str) -> String {
     let mut lines: Vec<&str> = log.lines().map(str::trim_end).collect();
     if let Some(at) = lines.iter().rposition(|l| l.starts_with("error:")) {
         return lines.split_off(at).join("\n").trim_start_matches("error: ").to_owned();
     }
-    let warning = lines.iter().rev().find_map(|l| l.split_once(" WARN ").or_else(|| l.split_once(" ERROR ")));
-    warning.map_or("no error and no warning in its log", |(_, said)| said.trim()).to_owned()
+    let warnings =
+        lines.iter().rev().filter_map(|l| l.split_once(" WARN ").or_else(|| l.split_once(" ERROR ")));
+    let warnings: Vec<&str> = warnings.map(|(_, said)| said.trim()).collect();
+    // a busy host adds warnings of late frames after the one that says why
+    let why = warnings.iter().find(|said| said.contains("stays off")).or(warnings.first());
+    why.map_or("no error and no warning in its log", |said| said).to_owned()
 }
 
 #[cfg(test)]
@@ -279,6 +284,8 @@ mod tests {
         let log = "error: an earlier run\n  hint: no\n2026 WARN no link code=VC-6001\nerror: m.toml: no model\n  hint: fit one\n";
         assert_eq!(last_words(log), "m.toml: no model\n  hint: fit one");
         assert_eq!(last_words("t  WARN refused: expired\nt  INFO on\n"), "refused: expired");
+        let busy = "t  WARN compensation stays off: expired\nt  WARN corrections come late code=VC-6006\n";
+        assert_eq!(last_words(busy), "compensation stays off: expired");
         assert!(last_words("").contains("no error"));
     }
 }
