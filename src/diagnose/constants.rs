@@ -122,6 +122,8 @@ pub(crate) const NOISE_SCALES: [f64; 8] = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 3
 pub(crate) const EFFECT_SCALES: [f64; 9] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
 /// Place among the scales at which the misform of effects begins in a search of its own.
 pub(crate) const MISFORM_RUNG: usize = 2;
+/// Highest place among the scales of a discrepancy over the place where each setup moves one axis: half the white noise.
+pub(crate) const NAMED_RUNG: usize = 1;
 
 // Size of the sample
 

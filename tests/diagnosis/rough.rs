@@ -109,6 +109,22 @@ fn a_rough_guideway_is_a_straightness_error() {
 }
 
 #[test]
+fn rough_screws_of_two_axes_are_positioning_errors_of_each() {
+    for seed in 1..=4 {
+        let curves = [rough(seed), rough(100 + seed)];
+        let error = |p: [f64; 3], d: [f64; 3]| [curves[0](p[0]), 0.0, curves[1](p[2]) - 3.0 * d[2]];
+        let mut tests = Lines::new(40 + seed);
+        for axis in [0, 2] {
+            tests.line(along(axis, HALF_MM), along(axis, 1.0), 17, &error);
+        }
+        let report = tests.report();
+        assert_eq!(declared(&report), ["backlash:z", "positioning:x", "positioning:z"], "seed {seed}");
+        let left = report["shrink"]["rms_after_um"].as_f64().unwrap();
+        assert!(left < 1.3 * NOISE_UM, "seed {seed}: {left} um left");
+    }
+}
+
+#[test]
 fn a_rough_screw_hides_no_other_error_of_a_campaign() {
     for seed in 1..=3 {
         let curve = rough(seed);

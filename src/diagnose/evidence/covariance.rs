@@ -4,13 +4,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
 
-use super::super::constants::{FEW, LENGTHS, REPEATS, TIMES};
+use super::super::constants::{FEW, LENGTHS, NAMED_RUNG, NOISE_SCALES, REPEATS, TIMES};
 use super::super::dense::{cholesky, inverse_lower, product};
 use super::super::library::Shape;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::Session;
 use super::grouping;
 use volcomp_model::geometry::Vec3;
+
+/// Way within which an axis stays, mm or rad.
+const STAYS: f64 = 1e-6;
 
 /// A component of the covariance beside white noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -60,9 +63,19 @@ pub struct Structure {
     means: Vec<Moment>,
     /// Number of distinct places.
     places: usize,
+    /// What goes with the place is an error of one axis.
+    named: bool,
 }
 
 impl Structure {
+    /// Highest place of the scale of a component in [`NOISE_SCALES`].
+    pub(super) fn top(&self, component: usize) -> usize {
+        match self.components[component].0 {
+            Component::Place(_) if self.named => NAMED_RUNG,
+            _ => NOISE_SCALES.len() - 1,
+        }
+    }
+
     /// `diag(weights) + SUM scale^2 component`, in units of the white variance.
     pub(super) fn sum(&self, scales: &[f64], weights: &[f64]) -> DMatrix<f64> {
         let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(weights));
@@ -116,7 +129,7 @@ impl Structure {
                 })
             })
             .collect();
-        let moving: Vec<usize> = (0..SLOTS).filter(|s| ranges[*s].1 - ranges[*s].0 > 1e-6).collect();
+        let moving: Vec<usize> = (0..SLOTS).filter(|s| ranges[*s].1 - ranges[*s].0 > STAYS).collect();
         let distance = |i: usize, j: usize| {
             let square = |s: &usize| {
                 ((at(i).position[*s] - at(j).position[*s]) / (ranges[*s].1 - ranges[*s].0)).powi(2)
@@ -170,18 +183,25 @@ impl Structure {
             };
             components.push((Component::Run, build(&same)));
         }
-        // one axis seen along itself or straight across: what goes with its place is a positioning, straightness or angular error
-        let has_name = match moving.as_slice() {
-            [one] if *one < 3 => (0..n).all(|k| at(k).u.amax() > 0.99),
-            [_] => true,
-            _ => false,
-        };
+        // one axis at a time seen along itself or straight across: a positioning, straightness or angular error
+        let named = spans.keys().all(|setup| {
+            let rows: Vec<usize> = (0..n).filter(|k| reading(*k).setup == *setup).collect();
+            let moves = |s: &usize| {
+                rows.iter().any(|k| (at(*k).position[*s] - at(rows[0]).position[*s]).abs() > STAYS)
+            };
+            let here: Vec<usize> = moving.iter().copied().filter(moves).collect();
+            match here[..] {
+                [] => true,
+                [one] => one >= 3 || rows.iter().all(|k| at(*k).u.amax() > 0.99),
+                _ => false,
+            }
+        });
         let point = points(&means);
         let count = point.iter().max().map_or(0, |p| p + 1);
         let places = places(&means, &moving);
         for (l, length) in LENGTHS.iter().enumerate() {
             let near = |i: usize, j: usize| (-distance(i, j) / length).exp();
-            if !has_name && places > FEW {
+            if places > FEW {
                 components.push((Component::Place(l), build(&|i, j| u(i, j) * near(i, j))));
             }
             let directed = |s: &usize| {
@@ -219,7 +239,7 @@ impl Structure {
         }
         let offsets = offsets(session, &groups);
         let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
-        Self { groups, white_um: least, white, components, offsets, duration_s, near, means, places }
+        Self { groups, white_um: least, white, components, offsets, duration_s, near, means, places, named }
     }
 }
 

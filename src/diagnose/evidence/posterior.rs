@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{
-    LEAST_PROBABILITY, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES, TRIED,
+    LEAST_PROBABILITY, MISFORM_RUNG, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES, TRIED,
 };
 use super::super::library::{Kind, Library, Shape};
 use super::super::moment::Axis;
@@ -242,7 +242,7 @@ impl Search {
         let mut cases: BTreeSet<Rungs> = self.visited.keys().cloned().collect();
         for c in 0..rungs.len() {
             let now = rungs[c];
-            let beside = [0, now.saturating_sub(1), (now + 1).min(NOISE_SCALES.len() - 1)];
+            let beside = [0, now.saturating_sub(1), (now + 1).min(self.structure.top(c))];
             for rung in beside.into_iter().filter(|r| *r != now) {
                 let mut next = rungs.clone();
                 next[c] = rung;

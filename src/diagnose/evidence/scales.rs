@@ -124,9 +124,9 @@ impl Target<'_> {
             let mut tried: Vec<(usize, usize)> = Vec::new();
             for (c, now) in best.iter().copied().enumerate() {
                 if now > 0 {
-                    tried.extend([(c, 0), (c, now - 1), (c, (now + 1).min(NOISE_SCALES.len() - 1))]);
+                    tried.extend([(c, 0), (c, now - 1), (c, (now + 1).min(self.structure.top(c)))]);
                 } else if steep.contains(&c) {
-                    tried.extend([(c, 1), (c, 3), (c, 5)]);
+                    tried.extend([1, 3, 5].map(|rung: usize| (c, rung.min(self.structure.top(c)))));
                 }
             }
             let before = most;
