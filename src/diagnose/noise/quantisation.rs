@@ -7,7 +7,7 @@ use super::pair_residuals;
 /// Least number of different readings that prove a step, of readings that differ from their repeats, and the most steps between the
 /// closest two.
 const DIFFERENT: usize = 4;
-/// The same where repeats differ and each was read often: what has noise and still gives one of two values is rounded.
+/// The same where repeats differ and the class is read often: what has noise and still gives one of a few values is rounded.
 const DIFFERENT_OF_MANY: usize = 2;
 
 /// The readings of one instrument class.
@@ -53,7 +53,7 @@ fn flickers(session: &Session, class: usize) -> usize {
 fn steps(classes: &[Class]) -> Vec<f64> {
     let levels: Vec<Vec<f64>> = classes.iter().map(|c| levels(&c.deviations_um)).collect();
     let mut steps: Vec<f64> =
-        classes.iter().zip(&levels).map(|(c, l)| step(l, needed(c, l.len())).unwrap_or(0.0)).collect();
+        classes.iter().zip(&levels).map(|(c, l)| step(l, needed(c)).unwrap_or(0.0)).collect();
     let coarsest = steps.iter().copied().fold(0.0, f64::max);
     for (own, levels) in steps.iter_mut().zip(&levels) {
         if *own == 0.0 && coarsest > 0.0 && !levels.is_empty() && fit(levels, coarsest).is_some() {
@@ -63,9 +63,9 @@ fn steps(classes: &[Class]) -> Vec<f64> {
     steps
 }
 
-/// How many different readings prove a step.
-fn needed(class: &Class, levels: usize) -> usize {
-    let is_read_often = class.deviations_um.len() >= MANY * levels;
+/// How many different readings prove a step of a class; it is read often from [`MANY`] readings for each of two on.
+fn needed(class: &Class) -> usize {
+    let is_read_often = class.deviations_um.len() >= DIFFERENT_OF_MANY * MANY;
     if class.is_restless && is_read_often { DIFFERENT_OF_MANY } else { DIFFERENT }
 }
 
@@ -149,5 +149,19 @@ mod tests {
         assert!(steps(&[class(&two)])[0] == 0.0, "no repeat differs: this may be lost motion without noise");
         let few = Class { deviations_um: two[..60].to_vec(), is_restless: true };
         assert!(steps(&[few])[0] == 0.0);
+        let of_three = |middle: f64| {
+            let value = |i: i32| {
+                if i % 9 == 0 {
+                    0.0
+                } else if i % 7 == 0 {
+                    10.0
+                } else {
+                    middle
+                }
+            };
+            Class { deviations_um: (0..110).map(value).collect(), is_restless: true }
+        };
+        assert!((steps(&[of_three(5.0)])[0] - 5.0).abs() < 1e-9);
+        assert!(steps(&[of_three(5.007)])[0] == 0.0, "three values at unequal distances");
     }
 }
