@@ -206,13 +206,14 @@ fn analyse(
         let mut named = library.clone();
         // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
         named.variants.retain(|v| v.shape.has_own_name());
-        // the tails of the noise itself are judged beside the effects
-        let tails = noise::tails(session, &gap, lattice_um, &used);
-        let are_wild = tails.iter().flat_map(|t| t.beyond.into_iter().zip(t.expected)).any(|(b, e)| b > e);
-        let wild = |i: &usize| are_wild || session.readings[*i].is_marked;
-        let left_out: Vec<usize> = outlying.iter().copied().filter(wild).collect();
-        if let Some(analysis) = compare(session, named, &left_out, (&gap, lattice_um, &white)) {
-            return likelier_zero(session, options, (lattice_um, raw), analysis, tell);
+        let left_out = beyond_the_noise(session, &gap, lattice_um, &outlying);
+        if let Some(analysis) = compare(session, named.clone(), &left_out, (&gap, lattice_um, &white)) {
+            // one of two that are compared on the same readings
+            if session.ball_zero.is_some() {
+                return analysis;
+            }
+            let likelier = likelier_zero(session, options, (lattice_um, raw), analysis, tell);
+            return without_outliers_beside_causes(session, &named, likelier);
         }
     }
     // the search weighs all columns alike: of the processes that have the same columns one stands for all
@@ -386,6 +387,37 @@ fn compare(
         before = Some(chosen);
     }
     None
+}
+
+/// The analysis again without the outliers that only stand out beside its causes: what warms differs from its repeats, too.
+fn without_outliers_beside_causes(session: &Session, library: &Library, first: Analysis) -> Analysis {
+    let mut analysis = first;
+    for _ in 1..ROUNDS {
+        let Analysis { problem, library: refined, selection, gap, lattice_um, .. } = &analysis;
+        let left = remainder(session, problem, refined, selection, gap);
+        let found = noise::outliers(session, &left, lattice_um);
+        let mut outlying = beyond_the_noise(session, &left, lattice_um, &found);
+        outlying.retain(|i| analysis.used[*i]);
+        if outlying.is_empty() {
+            break;
+        }
+        outlying.extend(&analysis.outlying);
+        let used = noise::all_but(gap.len(), &outlying);
+        let white: Vec<f64> =
+            noise::from_repeats(session, &left, &used, lattice_um).iter().map(|c| c.white_um).collect();
+        match compare(session, library.clone(), &outlying, (gap, lattice_um, &white)) {
+            Some(again) => analysis = again,
+            None => break,
+        }
+    }
+    analysis
+}
+
+/// The outliers of `left` that are more than the tails of its noise, which are judged beside the effects, and those marked.
+fn beyond_the_noise(session: &Session, left: &[f64], lattice_um: &[f64], outlying: &[usize]) -> Vec<usize> {
+    let tails = noise::tails(session, left, lattice_um, &noise::all_but(left.len(), outlying));
+    let are_wild = tails.iter().flat_map(|t| t.beyond.into_iter().zip(t.expected)).any(|(b, e)| b > e);
+    outlying.iter().copied().filter(|i| are_wild || session.readings[*i].is_marked).collect()
 }
 
 /// The analysis that a comparison of all sets of effects gives.

@@ -27,15 +27,27 @@ const NOISE_UM: f64 = 0.5;
 
 /// A test of X with 6 um of backlash and 20 um/m, both directions, and the lines of its wild readings, every n-th, 15 times the noise off.
 fn line(targets: usize, cycles: usize, every: usize, seed: u64) -> (String, BTreeSet<usize>) {
+    warming_line((targets, cycles), every, seed, 0.0)
+}
+
+/// The same while the scale of X warms by `warming_k` in all, at 11 um/m/K, and its temperature is logged.
+fn warming_line(
+    (targets, cycles): (usize, usize),
+    every: usize,
+    seed: u64,
+    warming_k: f64,
+) -> (String, BTreeSet<usize>) {
     let mut noise = normal(seed);
-    let mut table = "t_s,instrument,setup,run,repeat,pair,x_mm,u_x,u_y,u_z,dir_x,deviation_um\n".to_owned();
+    let mut table =
+        "t_s,instrument,setup,run,repeat,pair,x_mm,u_x,u_y,u_z,dir_x,temp_x_degc,deviation_um\n".to_owned();
     let (mut wild, mut row) = (BTreeSet::new(), 0);
     for cycle in 1..=cycles {
         for sign in [1.0, -1.0] {
             for k in 0..targets {
                 let target = if sign > 0.0 { k } else { targets - 1 - k };
                 let (x, pair) = (30.0 * target as f64, 2 * target + usize::from(sign < 0.0));
-                let mut deviation_um = 0.02 * x - 3.0 * sign + NOISE_UM * noise();
+                let kelvin = warming_k * row as f64 / (2 * targets * cycles) as f64;
+                let mut deviation_um = 0.02 * x + 0.011 * kelvin * x - 3.0 * sign + NOISE_UM * noise();
                 row += 1;
                 if row % every == every / 2 {
                     wild.insert(row + 1);
@@ -43,8 +55,9 @@ fn line(targets: usize, cycles: usize, every: usize, seed: u64) -> (String, BTre
                 }
                 writeln!(
                     table,
-                    "{},laser,1,{cycle},{cycle},{pair},{x},1,0,0,{sign},{deviation_um:.3}",
-                    8 * row
+                    "{},laser,1,{cycle},{cycle},{pair},{x},1,0,0,{sign},{:.3},{deviation_um:.3}",
+                    8 * row,
+                    20.0 + kelvin
                 )
                 .unwrap();
             }
@@ -78,6 +91,21 @@ fn wild_readings_are_told_by_their_repeats_however_many_they_are() {
             assert!(found.contains(cause), "{case}: {found:?}");
         }
         assert!(are_cause.is_none_or(|c| found.contains("outliers:") == c), "{case}: {found:?}");
+    }
+}
+
+/// What warms differs from its repeats, too: outliers stand out beside the causes, not beside the gap.
+#[test]
+fn outliers_beside_a_thermal_expansion_are_a_cause() {
+    for (every, are_cause) in [(14, true), (1000, false)] {
+        let (table, wild) = warming_line((11, 5), every, 3, 5.0);
+        let r = diagnosed(&table, &[]);
+        let (found, listed) = (declared(&r), listed(&r));
+        for cause in ["backlash:x", "thermal-expansion:x"] {
+            assert!(found.contains(cause), "{found:?}");
+        }
+        assert!(wild.is_subset(&listed), "{wild:?} but {listed:?}");
+        assert_eq!(found.contains("outliers:"), are_cause, "{found:?}");
     }
 }
 
