@@ -14,7 +14,8 @@ use super::session::Session;
 /// What the tests look at.
 pub(super) struct Evidence<'a> {
     pub(super) session: &'a Session,
-    pub(super) gap: &'a [f64],
+    /// The gap without the causes declared.
+    pub(super) left_um: &'a [f64],
     pub(super) used: &'a [bool],
     /// Readings left out.
     pub(super) outlying: &'a [usize],
@@ -73,7 +74,7 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
 /// and no cause of their own.
 fn beyond_tails(e: &Evidence<'_>) -> bool {
     let [times, deviations, least] = BEYOND_TAILS;
-    let tails = tails(e.session, e.gap, e.lattice_um, e.used);
+    let tails = tails(e.session, e.left_um, e.lattice_um, e.used);
     tails.iter().flat_map(|t| t.beyond.into_iter().zip(t.expected)).any(|(beyond, expected)| {
         beyond >= least && beyond > (times * expected).max(expected + deviations * expected.sqrt())
     })
@@ -82,7 +83,7 @@ fn beyond_tails(e: &Evidence<'_>) -> bool {
 /// Share of the readings left out that one of their neighbours in the same run and direction resembles: what differs from its
 /// repeats jumps there and stays.
 fn in_blocks(e: &Evidence<'_>) -> f64 {
-    let apart = pair_residuals(e.session, e.gap, &vec![true; e.gap.len()]);
+    let apart = pair_residuals(e.session, e.left_um, &vec![true; e.left_um.len()]);
     let mut rows: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
     for (i, r) in e.session.readings.iter().enumerate().filter(|(i, _)| apart[*i].is_finite()) {
         rows.entry((r.run, e.session.moments[i].u.iamax())).or_default().push(i);
@@ -104,14 +105,14 @@ fn along_one(e: &Evidence<'_>) -> Option<char> {
         count.map(|c| c as f64 / count.iter().sum::<usize>().max(1) as f64)
     };
     let out = along(&mut e.outlying.iter().copied());
-    let kept = along(&mut (0..e.gap.len()).filter(|i| e.used[*i]));
+    let kept = along(&mut (0..e.left_um.len()).filter(|i| e.used[*i]));
     (0..3).find(|k| out[*k] > ONE_AXIS[0] && kept[*k] < ONE_AXIS[1]).map(|k| ['x', 'y', 'z'][k])
 }
 
 /// The stochastic causes that are there.
 pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     let mut found = Vec::new();
-    let n = e.gap.len();
+    let n = e.left_um.len();
     let outlying = e.outlying.len();
     // a few are listed, many are a cause
     let least = (OUTLIERS_SHARE * n as f64).max((TOLD * n as f64).min(FEW as f64));
@@ -148,7 +149,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
             &[("frequency_hz", t.frequency_hz, 0.0), ("amplitude_um", amplitude, 0.2 * amplitude)],
         ));
     }
-    let residuals = pair_residuals(e.session, e.gap, e.used);
+    let residuals = pair_residuals(e.session, e.left_um, e.used);
     let by_range = range_noise(e.session, &residuals)
         // every reading stands in two neighbours
         .filter(|r| r.evidence > 2.0 * STRONG)

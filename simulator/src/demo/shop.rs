@@ -267,12 +267,10 @@ fn last_words(log: &str) -> String {
     if let Some(at) = lines.iter().rposition(|l| l.starts_with("error:")) {
         return lines.split_off(at).join("\n").trim_start_matches("error: ").to_owned();
     }
-    let warnings =
-        lines.iter().rev().filter_map(|l| l.split_once(" WARN ").or_else(|| l.split_once(" ERROR ")));
-    let warnings: Vec<&str> = warnings.map(|(_, said)| said.trim()).collect();
-    // a busy host adds warnings of late frames after the one that says why
-    let why = warnings.iter().find(|said| said.contains("stays off")).or(warnings.first());
-    why.map_or("no error and no warning in its log", |said| said).to_owned()
+    let warnings = lines.iter().filter_map(|l| l.split_once(" WARN ").or_else(|| l.split_once(" ERROR ")));
+    // the last of those that say why, else of all: a busy host adds warnings of late frames after it
+    let said = warnings.max_by_key(|(_, said)| said.contains("stays off"));
+    said.map_or("no error and no warning in its log", |(_, said)| said.trim()).to_owned()
 }
 
 #[cfg(test)]

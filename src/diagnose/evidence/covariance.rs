@@ -154,12 +154,12 @@ impl Structure {
             m
         };
         let mut components = Vec::new();
-        let mut spans: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
-        for k in 0..n {
-            let e = spans.entry(reading(k).setup).or_insert((at(k).t_s, at(k).t_s));
-            *e = (e.0.min(at(k).t_s), e.1.max(at(k).t_s));
-        }
-        let duration_s = spans.values().map(|(a, b)| b - a).fold(0.0, f64::max);
+        let setups = by_setup(session, &groups);
+        let spans = setups.values().map(|of| {
+            let times = of.iter().map(|k| at(*k).t_s);
+            times.clone().fold(f64::NEG_INFINITY, f64::max) - times.fold(f64::INFINITY, f64::min)
+        });
+        let duration_s = spans.fold(0.0, f64::max);
         if duration_s > 0.0 {
             for (t, share) in TIMES.iter().enumerate() {
                 let tau = share * duration_s;
@@ -183,19 +183,7 @@ impl Structure {
             };
             components.push((Component::Run, build(&same)));
         }
-        // one axis at a time seen along itself or straight across: a positioning, straightness or angular error
-        let named = spans.keys().all(|setup| {
-            let rows: Vec<usize> = (0..n).filter(|k| reading(*k).setup == *setup).collect();
-            let moves = |s: &usize| {
-                rows.iter().any(|k| (at(*k).position[*s] - at(rows[0]).position[*s]).abs() > STAYS)
-            };
-            let here: Vec<usize> = moving.iter().copied().filter(moves).collect();
-            match here[..] {
-                [] => true,
-                [one] => one >= 3 || rows.iter().all(|k| at(*k).u.amax() > 0.99),
-                _ => false,
-            }
-        });
+        let named = setups.values().all(|of| shows_one_axis(&means, of, &moving));
         let point = points(&means);
         let count = point.iter().max().map_or(0, |p| p + 1);
         let places = places(&means, &moving);
@@ -237,7 +225,7 @@ impl Structure {
             let same = |i: usize, j: usize| f64::from(u8::from(point[i] == point[j]));
             components.push((Component::LackOfFit, build(&same)));
         }
-        let offsets = offsets(session, &groups);
+        let offsets = offsets(session, &groups, setups.values());
         let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
         Self { groups, white_um: least, white, components, offsets, duration_s, near, means, places, named }
     }
@@ -290,15 +278,37 @@ fn places(means: &[Moment], moving: &[usize]) -> usize {
     means.iter().map(place).collect::<BTreeSet<_>>().len()
 }
 
-/// Columns of the offsets of every setup, three or one along a common line, and three of a small rotation where the mounting of
-/// the instrument turns.
-fn offsets(session: &Session, groups: &[Vec<usize>]) -> DMatrix<f64> {
+/// The groups of each setup, in order.
+fn by_setup(session: &Session, groups: &[Vec<usize>]) -> BTreeMap<usize, Vec<usize>> {
     let mut setups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (k, rows) in groups.iter().enumerate() {
         setups.entry(session.readings[rows[0]].setup).or_default().push(k);
     }
+    setups
+}
+
+/// True where the groups of a setup show one axis along itself or straight across, or its angles: what goes with the place is
+/// then a positioning, straightness or angular error.
+fn shows_one_axis(means: &[Moment], of_setup: &[usize], moving: &[usize]) -> bool {
+    let first = &means[of_setup[0]];
+    let moves =
+        |s: &&usize| of_setup.iter().any(|k| (means[*k].position[**s] - first.position[**s]).abs() > STAYS);
+    match moving.iter().filter(moves).collect::<Vec<_>>()[..] {
+        [] => true,
+        [one] => *one >= 3 || of_setup.iter().all(|k| means[*k].u.amax() > 0.99),
+        _ => false,
+    }
+}
+
+/// Columns of the offsets of every setup, three or one along a common line, and three of a small rotation where the mounting of
+/// the instrument turns.
+fn offsets<'a>(
+    session: &Session,
+    groups: &[Vec<usize>],
+    setups: impl Iterator<Item = &'a Vec<usize>>,
+) -> DMatrix<f64> {
     let mut columns: Vec<DVector<f64>> = Vec::new();
-    for places in setups.values() {
+    for places in setups {
         let rows: Vec<usize> = places.iter().flat_map(|k| groups[*k].iter().copied()).collect();
         let moment = |i: usize| &session.moments[i];
         let mut add = |f: &dyn Fn(usize) -> f64| {

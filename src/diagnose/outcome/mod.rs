@@ -249,7 +249,7 @@ pub(super) fn conclude(
     causes.extend(stochastic::causes(
         &stochastic::Evidence {
             session,
-            gap: &without_causes,
+            left_um: &without_causes,
             used: &a.used,
             outlying: &a.outlying,
             lattice_um: &a.lattice_um,
