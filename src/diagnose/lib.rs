@@ -416,8 +416,8 @@ fn without_outliers_beside_causes(session: &Session, library: &Library, first: A
 /// The outliers of `left` that are more than the tails of its noise, which are judged beside the effects, and those marked.
 fn beyond_the_noise(session: &Session, left: &[f64], lattice_um: &[f64], outlying: &[usize]) -> Vec<usize> {
     let tails = noise::tails(session, left, lattice_um, &noise::all_but(left.len(), outlying));
-    let are_wild = tails.iter().flat_map(|t| t.beyond.into_iter().zip(t.expected)).any(|(b, e)| b > e);
-    outlying.iter().copied().filter(|i| are_wild || session.readings[*i].is_marked).collect()
+    let are_outliers = tails.iter().flat_map(|t| t.beyond.into_iter().zip(t.expected)).any(|(b, e)| b > e);
+    outlying.iter().copied().filter(|i| are_outliers || session.readings[*i].is_marked).collect()
 }
 
 /// The analysis that a comparison of all sets of effects gives.

@@ -122,11 +122,10 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         let mut wild = cause("outliers", PASSED[0], &[("share_percent", 100.0 * share, 100.0 * std)]);
         if 2.0 * in_blocks(e) > 1.0 {
             (wild.declared, wild.probability) = (false, PASSED[1]);
-            wild.remark =
-                "most of them follow each other: something jumps and stays, no wild readings".to_owned();
+            wild.remark = "most of them follow each other: something jumps and stays, no outliers".to_owned();
         } else if let Some(axis) = along_one(e) {
             (wild.declared, wild.probability) = (false, PASSED[1]);
-            wild.remark = format!("nearly all along {axis}: an axis that does not repeat, no wild readings");
+            wild.remark = format!("nearly all along {axis}: an axis that does not repeat, no outliers");
         }
         found.push(wild);
     }

@@ -3,6 +3,7 @@
 
 mod classes;
 mod filter;
+mod line;
 mod outliers;
 mod path;
 mod quantisation;

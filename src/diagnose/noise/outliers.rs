@@ -1,11 +1,12 @@
-//! Outliers, from repeats; where there are none, on the path of a ballbar and at standstill, from neighbours; in campaigns, from what
-//! all other readings and the effects found predict.
+//! Outliers, from repeats; where there are none, from neighbours on the path of a ballbar, at standstill and on lines of positions; in
+//! campaigns, from what all other readings and the effects found predict.
 
 use std::collections::BTreeSet;
 
-use super::super::constants::{FEW, LITTLE, NEARLY, OUTLYING, ROUNDS};
+use super::super::constants::{FEW, HALF, LITTLE, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
 use super::filter::{ClassNoise, Filter};
+use super::line::from_lines;
 use super::path::{OffPath, from_path};
 use super::{MAD, by_pair, median, moves, repeats_of};
 
@@ -29,8 +30,26 @@ pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize
         }
         found.extend(new);
     }
+    found.extend(without_majority(session, gap, &used));
     found.sort_unstable();
     found
+}
+
+/// Readings `used` of points with three and more repeats that no majority supports: at most half of the repeats are left, or one
+/// more than were left out, of which one lies much nearer to the neighbours in its run. None says which of them are no outliers.
+fn without_majority(session: &Session, gap: &[f64], used: &[bool]) -> Vec<usize> {
+    let unmarked: Vec<bool> = session.readings.iter().map(|r| !r.is_marked).collect();
+    let bent = |i: usize| bend(session, gap, used, i);
+    let has_none = |(all, left): &(Vec<usize>, Vec<usize>)| {
+        let mut out = all.iter().filter(|i| !used[**i]);
+        match 2 * left.len() {
+            twice if twice <= all.len() => true,
+            twice if twice == all.len() + 1 => out.any(|o| left.iter().all(|i| bent(*o) < HALF * bent(*i))),
+            _ => false,
+        }
+    };
+    let groups = by_pair(session, &unmarked).into_iter().zip(by_pair(session, used));
+    groups.filter(|(all, _)| all.len() > 2).filter(has_none).flat_map(|(_, left)| left).collect()
 }
 
 /// Readings of `left` (the gap without its causes) at standstill, off any path, that are far from what all others of their setup
@@ -116,8 +135,14 @@ fn robust_deviation(values: impl Iterator<Item = f64>, least: f64) -> f64 {
     (MAD * median(&mut sizes)).max(least)
 }
 
+/// On the path or the line of its neighbours.
+fn from_neighbours(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Option<OffPath>> {
+    let path = from_path(session, gap, used).into_iter();
+    path.zip(from_lines(session, gap, used)).map(|(path, line)| path.or(line)).collect()
+}
+
 fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<usize> {
-    let path = from_path(session, gap, used);
+    let path = from_neighbours(session, gap, used);
     let apart = by_class(session, gap, lattice_um, (used, &path)).into_iter().flatten();
     let found: BTreeSet<usize> =
         apart.filter(|(i, d)| used[*i] && d.abs() > OUTLYING).map(|(i, _)| i).collect();
@@ -153,11 +178,11 @@ fn by_class(
         if rows.len() < 2 * FEW {
             return Vec::new();
         }
-        let sigma = robust_deviation(rows.iter().map(|(_, p)| p.cubic_um), least_um);
+        let sigma = robust_deviation(rows.iter().map(|(_, p)| p.off_um), least_um);
         // beyond the limit counts what is also off the lines: a step of the path is not
         let apart = |(i, p): (usize, OffPath)| {
-            let [cubic, nearest] = [p.cubic_um, p.nearest_um].map(|d| d / sigma);
-            (i, if cubic.abs() > OUTLYING { nearest } else { cubic })
+            let [off, nearest] = [p.off_um, p.nearest_um].map(|d| d / sigma);
+            (i, if off.abs() > OUTLYING { nearest } else { off })
         };
         rows.into_iter().map(apart).collect()
     };
@@ -197,7 +222,7 @@ pub struct Tails {
 /// outliers of the same size stand far out of the noise of one instrument and in the shoulders of another's.
 #[must_use]
 pub fn tails(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<Tails> {
-    let path = from_path(session, gap, used);
+    let path = from_neighbours(session, gap, used);
     let mut classes = by_class(session, gap, lattice_um, (&vec![true; gap.len()], &path));
     // two repeats lie equally far apart: one of them counts
     let repeats = repeats_of(session, 0..session.readings.len());
@@ -253,7 +278,7 @@ fn is_outlier_of_repeats(session: &Session, gap: &[f64], used: &[bool], i: usize
     }
     let middle = median(&mut together.iter().map(|j| gap[*j]).collect::<Vec<f64>>());
     let apart = |j: usize| {
-        if together.len() > 2 { (gap[j] - middle).abs() } else { bend(session, gap, j) }
+        if together.len() > 2 { (gap[j] - middle).abs() } else { bend(session, gap, used, j) }
     };
     Some(together.iter().all(|j| apart(i) >= apart(*j)))
 }
@@ -268,10 +293,11 @@ fn is_outlier_of_path(gap: &[f64], path: &[Option<OffPath>], i: usize, found: &B
     neighbours.all(|j| !found.contains(&j) || off(i) >= off(j))
 }
 
-/// How far a reading lies from the line through its neighbours.
-fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
+/// How far a reading lies from the line through its neighbours that are `used`.
+fn bend(session: &Session, gap: &[f64], used: &[bool], i: usize) -> f64 {
     let same = |j: &usize| {
-        session.readings[*j].run == session.readings[i].run
+        used[*j]
+            && session.readings[*j].run == session.readings[i].run
             && session.moments[*j].u.dot(&session.moments[i].u) > NEARLY
     };
     let before = (0..i).rev().take(NEIGHBOURS).find(same);

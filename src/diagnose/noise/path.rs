@@ -7,20 +7,19 @@ use super::super::moment::{MachineState, SLOTS};
 use super::super::session::Session;
 
 /// Readings before and behind that a line on a path goes through.
-const REACH: usize = 2;
+pub(super) const REACH: usize = 2;
 /// Positions of linear axes (mm), forces (N) and lengths (mm) that differ by less are equal; and positions of rotary axes, rad.
-const EQUAL: f64 = 1e-3;
-const EQUAL_RAD: f64 = 1e-5;
+pub(super) const EQUAL: f64 = 1e-3;
+pub(super) const EQUAL_RAD: f64 = 1e-5;
 
-/// A reading beside its neighbours on a path.
+/// A reading beside its neighbours on a path or a line of positions.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OffPath {
-    /// The reading minus the cubic through the two before it in its series and the two behind, um.
-    pub(super) cubic_um: f64,
-    /// The smallest of that and of the distances from the lines through the two before and the two behind, um: a step or a bump of
-    /// the path is no outlier.
+    /// The reading minus what its neighbours predict, on a path the cubic through the two before it and the two behind, um.
+    pub(super) off_um: f64,
+    /// The smallest of that and of what those before and those behind predict alone, um: a step or a bump is no outlier.
     pub(super) nearest_um: f64,
-    /// The readings before and behind.
+    /// The two before and the two behind.
     pub(super) neighbours: [usize; 2 * REACH],
 }
 
@@ -29,8 +28,7 @@ pub(super) struct OffPath {
 pub(super) fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Option<OffPath>> {
     let mut series: BTreeMap<_, Vec<usize>> = BTreeMap::new();
     for (i, (r, m)) in session.readings.iter().zip(&session.moments).enumerate() {
-        // -0 and 0 are one direction
-        let along = if m.is_ballbar { [0; 3] } else { [m.u.x, m.u.y, m.u.z].map(|c| (c + 0.0).to_bits()) };
+        let along = if m.is_ballbar { [0; 3] } else { along(m) };
         series.entry((r.run, r.instrument, along)).or_default().push(i);
     }
     let mut out = vec![None; gap.len()];
@@ -62,6 +60,11 @@ pub(super) fn from_path(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Op
     out
 }
 
+/// The direction of measurement; -0 and 0 are one.
+pub(super) fn along(m: &MachineState) -> [u64; 3] {
+    [m.u.x, m.u.y, m.u.z].map(|c| (c + 0.0).to_bits())
+}
+
 /// The reading of rank `k` in a series of `rows` beside neighbours of some `ranks`.
 fn off_path(gap: &[f64], rows: &[usize], k: usize, ranks: [usize; 2 * REACH]) -> OffPath {
     let neighbours = ranks.map(|rank| rows[rank]);
@@ -73,9 +76,13 @@ fn off_path(gap: &[f64], rows: &[usize], k: usize, ranks: [usize; 2 * REACH]) ->
         };
         points.iter().map(|p| weight(p) * gap[neighbours[*p]]).sum()
     };
-    let [cubic_um, before, behind] = [&[0, 1, 2, 3][..], &[0, 1], &[2, 3]].map(|p| gap[rows[k]] - through(p));
-    let nearest = |a: f64, b: f64| if b.abs() < a.abs() { b } else { a };
-    OffPath { cubic_um, nearest_um: nearest(nearest(cubic_um, before), behind), neighbours }
+    let [off_um, before, behind] = [&[0, 1, 2, 3][..], &[0, 1], &[2, 3]].map(|p| gap[rows[k]] - through(p));
+    OffPath { off_um, nearest_um: nearer(nearer(off_um, before), behind), neighbours }
+}
+
+/// The smaller of two distances.
+pub(super) fn nearer(a: f64, b: f64) -> f64 {
+    if b.abs() < a.abs() { b } else { a }
 }
 
 /// True where nothing changes that changes a reading but time, temperatures and the speed of the spindle.
@@ -107,7 +114,7 @@ mod tests {
         }
         let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
         let path = from_path(&session, &session.gap(), &vec![true; n]);
-        let off = |i: usize| path[i].is_some_and(|p| p.cubic_um == 9.0 && p.nearest_um == 9.0);
+        let off = |i: usize| path[i].is_some_and(|p| p.off_um == 9.0 && p.nearest_um == 9.0);
         assert_eq!((0..n).filter(|i| off(*i)).collect::<Vec<_>>(), [n / 2]);
         (0..n).filter(|i| path[*i].is_some()).collect()
     }
