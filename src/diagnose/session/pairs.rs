@@ -1,7 +1,7 @@
 //! Which rows are the same programmed point in different repeats.
 //!
-//! The column `pair` may number points, or whole passes whose rows then correspond in order. Without it, rows of equal
-//! commanded state correspond. Partners must stand at the same place and look the same way.
+//! The column `pair` may number points, or whole passes whose rows then correspond in order. Where an instrument of a file has no
+//! numbers, rows of equal commanded state correspond. Partners must stand at the same place and look the same way.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,8 @@ pub(super) struct Place {
     pub(super) tool: f64,
 }
 
-type Key = (usize, usize, i64, [i64; 16], usize);
+/// Number, or setup and state.
+type Key = (i64, [i64; 16]);
 
 /// Partners may stand so far apart, mm or deg.
 const NEAR: f64 = 2.0;
@@ -32,11 +33,35 @@ fn rounded(v: f64, step: f64) -> i64 {
 
 /// A number per row that partners share.
 pub(super) fn find(places: &[Place]) -> Vec<Option<usize>> {
-    let numbered = places.iter().any(|p| p.pair.is_finite());
-    let by_point = numbered && is_by_point(places);
-    let mut seen: BTreeMap<(Key, i64), usize> = BTreeMap::new();
-    let mut groups: BTreeMap<Key, Vec<usize>> = BTreeMap::new();
+    // one file or instrument may number its points while another does not
+    let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
     for (i, p) in places.iter().enumerate() {
+        classes.entry(p.class).or_default().push(i);
+    }
+    let mut out = vec![None; places.len()];
+    let mut next = 0;
+    for rows in classes.values().flat_map(|rows| groups(places, rows)) {
+        let first = &places[rows[0]];
+        let same: Vec<usize> = rows.into_iter().filter(|r| corresponds(&places[*r], first)).collect();
+        let repeats = same.iter().any(|r| places[*r].repeat != first.repeat);
+        if repeats {
+            for r in same {
+                out[r] = Some(next);
+            }
+            next += 1;
+        }
+    }
+    out
+}
+
+/// Which of some `rows` of one file and instrument have the same number, or without numbers the same commanded state.
+fn groups(places: &[Place], rows: &[usize]) -> Vec<Vec<usize>> {
+    let of: Vec<&Place> = rows.iter().map(|i| &places[*i]).collect();
+    let numbered = of.iter().any(|p| p.pair.is_finite());
+    let by_point = numbered && is_by_point(&of);
+    let mut seen: BTreeMap<(Key, i64), usize> = BTreeMap::new();
+    let mut groups: BTreeMap<(Key, usize), Vec<usize>> = BTreeMap::new();
+    for (i, p) in rows.iter().zip(of) {
         if numbered && !p.pair.is_finite() {
             continue;
         }
@@ -53,26 +78,12 @@ pub(super) fn find(places: &[Place]) -> Vec<Option<usize>> {
             }
             state[15] = rounded(p.tool, 1e-2);
         }
-        let number = if numbered { p.pair as i64 } else { p.setup as i64 };
-        let plain: Key = (p.class.0, p.class.1, number, state, 0);
-        let count = seen.entry((plain, p.repeat)).or_default();
-        groups.entry((plain.0, plain.1, plain.2, plain.3, *count)).or_default().push(i);
+        let key = (if numbered { p.pair as i64 } else { p.setup as i64 }, state);
+        let count = seen.entry((key, p.repeat)).or_default();
+        groups.entry((key, *count)).or_default().push(*i);
         *count += 1;
     }
-    let mut out = vec![None; places.len()];
-    let mut next = 0;
-    for rows in groups.into_values() {
-        let first = &places[rows[0]];
-        let same: Vec<usize> = rows.into_iter().filter(|r| corresponds(&places[*r], first)).collect();
-        let repeats = same.iter().any(|r| places[*r].repeat != first.repeat);
-        if repeats {
-            for r in same {
-                out[r] = Some(next);
-            }
-            next += 1;
-        }
-    }
-    out
+    groups.into_values().collect()
 }
 
 fn corresponds(a: &Place, b: &Place) -> bool {
@@ -82,10 +93,10 @@ fn corresponds(a: &Place, b: &Place) -> bool {
 }
 
 /// True where a pair number stands for a point: few rows of one repeat share it.
-fn is_by_point(places: &[Place]) -> bool {
-    let mut counts: BTreeMap<(usize, usize, i64, i64), usize> = BTreeMap::new();
+fn is_by_point(places: &[&Place]) -> bool {
+    let mut counts: BTreeMap<(i64, i64), usize> = BTreeMap::new();
     for p in places.iter().filter(|p| p.pair.is_finite()) {
-        *counts.entry((p.class.0, p.class.1, p.pair as i64, p.repeat)).or_default() += 1;
+        *counts.entry((p.pair as i64, p.repeat)).or_default() += 1;
     }
     let mut sizes: Vec<usize> = counts.into_values().collect();
     sizes.sort_unstable();

@@ -136,6 +136,17 @@ fn a_pair_that_numbers_passes_pairs_their_rows_in_order() {
 }
 
 #[test]
+fn numbers_in_one_file_leave_the_states_of_another() {
+    let mut numbered = line();
+    numbered.file = "b.csv".into();
+    numbered.names.push("pair".into());
+    numbered.columns.push((0..40).map(f64::from).collect());
+    let s = Session::build(&[line(), numbered], History::default(), Machine::plain()).unwrap();
+    assert!(s.readings[..40].iter().all(|r| r.pair.is_some()));
+    assert!(s.readings[40..].iter().all(|r| r.pair.is_none()));
+}
+
+#[test]
 fn rows_that_are_there_twice_count_once() {
     let mut raw = line();
     for c in &mut raw.columns {
