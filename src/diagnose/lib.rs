@@ -213,7 +213,7 @@ fn analyse(
                 return analysis;
             }
             let likelier = likelier_zero(session, options, (lattice_um, raw), analysis, tell);
-            return without_outliers_beside_causes(session, &named, likelier);
+            return beside_causes(session, &named, &white, likelier);
         }
     }
     // the search weighs all columns alike: of the processes that have the same columns one stands for all
@@ -389,24 +389,29 @@ fn compare(
     None
 }
 
-/// The analysis again without the outliers that only stand out beside its causes: what warms differs from its repeats, too.
-fn without_outliers_beside_causes(session: &Session, library: &Library, first: Analysis) -> Analysis {
-    let mut analysis = first;
+/// The analysis again with the noise of each instrument, and without the outliers, that only show beside its causes: what warms differs
+/// from its repeats, and what is periodic from its neighbours.
+fn beside_causes(session: &Session, library: &Library, white_um: &[f64], first: Analysis) -> Analysis {
+    let (mut analysis, mut before) = (first, white_um.to_vec());
     for _ in 1..ROUNDS {
         let Analysis { problem, library: refined, selection, gap, lattice_um, .. } = &analysis;
         let left = remainder(session, problem, refined, selection, gap);
         let found = noise::outliers(session, &left, lattice_um);
         let mut outlying = beyond_the_noise(session, &left, lattice_um, &found);
         outlying.retain(|i| analysis.used[*i]);
-        if outlying.is_empty() {
-            break;
-        }
+        let has_more = !outlying.is_empty();
         outlying.extend(&analysis.outlying);
         let used = noise::all_but(gap.len(), &outlying);
         let white: Vec<f64> =
             noise::from_repeats(session, &left, &used, lattice_um).iter().map(|c| c.white_um).collect();
+        let ratios = || white.iter().zip(&before).map(|(now, before)| now / before);
+        let is_alike =
+            ratios().fold(f64::INFINITY, f64::min) >= HALF * ratios().fold(f64::NEG_INFINITY, f64::max);
+        if is_alike && !has_more {
+            break;
+        }
         match compare(session, library.clone(), &outlying, (gap, lattice_um, &white)) {
-            Some(again) => analysis = again,
+            Some(again) => (analysis, before) = (again, white),
             None => break,
         }
     }
@@ -424,7 +429,7 @@ fn beyond_the_noise(session: &Session, left: &[f64], lattice_um: &[f64], outlyin
 fn compared(
     session: &Session,
     mut library: Library,
-    (comparison, chosen, jointly): (Comparison, &[usize], bool),
+    (mut comparison, chosen, jointly): (Comparison, &[usize], bool),
     outlying: &[usize],
     (gap, lattice_um, white_um): (Vec<f64>, Vec<f64>, &[f64]),
 ) -> Analysis {
@@ -444,7 +449,6 @@ fn compared(
         .collect();
     let filter = Filter::dense(comparison.covariance.clone(), comparison.groups.clone(), comparison.white_um);
     let white: Vec<f64> = noise.iter().map(|c| c.white_um).collect();
-    let reading_um = white_um.iter().map(|w| comparison.reading_um() * w / least).collect();
     let mut problem = Problem::new(session, &library, &filter, &gap, &white);
     let mut ordered = chosen.to_vec();
     let alone: Vec<f64> = chosen.iter().map(|v| problem.gain_beside(&[], *v).0).collect();
@@ -459,8 +463,13 @@ fn compared(
     let grid = library.by_label().iter().map(Vec::len).collect();
     let blind = problem.unseen(&library);
     library.blind.extend(blind);
+    let selection = Selection { chosen: chosen.to_vec(), grid, ..Selection::default() };
+    let left = remainder(session, &problem, &library, &selection, &gap);
+    let white_of = |i: usize| white_um[session.readings[i].instrument] / least;
+    comparison.within_um = evidence::white_within(&left, white_of, &comparison.groups);
+    let reading_um = white_um.iter().map(|w| comparison.reading_um() * w / least).collect();
     Analysis {
-        selection: Selection { chosen: chosen.to_vec(), grid, ..Selection::default() },
+        selection,
         library,
         problem,
         filter,

@@ -7,6 +7,7 @@ mod effects;
 mod head;
 mod instruments;
 mod lags;
+mod noise;
 mod outliers;
 mod page;
 mod plans;

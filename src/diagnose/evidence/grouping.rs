@@ -157,12 +157,13 @@ fn split(session: &Session, rows: Vec<usize>, wanted: usize, places: &[f64], out
     split(session, half, wanted - first, places, out);
 }
 
-/// White noise of a reading by the second differences of readings that follow each other within a group, um: of what is shorter
-/// than the groups their means say nothing. `None` where too few readings were averaged.
-pub(super) fn white_within_um(gap: &[f64], groups: &[Vec<usize>]) -> Option<f64> {
+/// White noise of a reading by the second differences of readings that follow each other within a group, in units of the class noise
+/// `white` of each reading: of what is shorter than the groups their means say nothing. `left`: the gap without the causes. `None`
+/// where too few readings were averaged.
+pub(crate) fn white_within(left: &[f64], white: impl Fn(usize) -> f64, groups: &[Vec<usize>]) -> Option<f64> {
     let triples = groups.iter().flat_map(|g| g.windows(3)).filter(|w| w[1] == w[0] + 1 && w[2] == w[1] + 1);
     // of white noise their variance is that of a reading
-    let second = |w: &[usize]| (gap[w[0]] - 2.0 * gap[w[1]] + gap[w[2]]) / 6f64.sqrt();
+    let second = |w: &[usize]| (left[w[0]] - 2.0 * left[w[1]] + left[w[2]]) / 6f64.sqrt() / white(w[1]);
     let all: Vec<f64> = triples.map(second).collect();
     (all.len() >= MANY).then(|| clipped_deviation(&all))
 }
@@ -194,7 +195,7 @@ mod tests {
     use core::f64::consts::TAU;
 
     use super::super::super::noise::Random;
-    use super::white_within_um;
+    use super::white_within;
 
     #[test]
     fn the_noise_of_readings_is_seen_beside_drift_and_between_means() {
@@ -202,9 +203,9 @@ mod tests {
         let groups: Vec<Vec<usize>> = (0..100).map(|g| (20 * g..20 * (g + 1)).collect()).collect();
         let slow = |k: usize| 30.0 * (TAU * k as f64 / 2000.0).sin();
         let gap: Vec<f64> = (0..2000).map(|k| slow(k) + 0.2 * random.normal()).collect();
-        let within = white_within_um(&gap, &groups).unwrap();
+        let within = white_within(&gap, |_| 1.0, &groups).unwrap();
         assert!((within - 0.2).abs() < 0.02, "{within}");
         let single: Vec<Vec<usize>> = (0..2000).map(|k| vec![k]).collect();
-        assert_eq!(white_within_um(&gap, &single), None);
+        assert_eq!(white_within(&gap, |_| 1.0, &single), None);
     }
 }

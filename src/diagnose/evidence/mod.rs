@@ -22,6 +22,7 @@ use super::search::count_programs;
 use super::session::{Session, is_encoder};
 
 pub use covariance::{Component, Covariance, Structure};
+pub(crate) use grouping::white_within;
 pub(crate) use posterior::mean_of_members;
 pub use posterior::{Comparison, Contender, Shares};
 
@@ -49,8 +50,5 @@ pub fn compare(
     white_um: &[f64],
 ) -> Option<Comparison> {
     let groups = grouping::groups(session, used)?;
-    let within_um = grouping::white_within_um(gap, &groups);
-    let mut found = posterior::compare(session, library, gap, Structure::new(session, groups, white_um))?;
-    found.within_um = within_um;
-    Some(found)
+    posterior::compare(session, library, gap, Structure::new(session, groups, white_um))
 }

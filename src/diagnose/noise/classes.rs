@@ -4,7 +4,7 @@
 //! from what the effects leave, because repeats close in time cannot see slow drift. White noise comes from repeats only,
 //! where there are any: systematic errors that nobody knows must not pass for noise.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::constants::{DECIMALS_UM, FEW, MANY, NEARLY, NOISE_SHARE, REPEATS, ROWS, STRONG};
 use super::super::session::{Session, is_encoder};
@@ -36,8 +36,10 @@ fn white(session: &Session, class: usize, residuals: &[f64], gap: &[f64], used: 
         (0..gap.len()).filter(|i| used[*i] && session.readings[*i].instrument == class).collect();
     let paired: Vec<usize> = rows.iter().copied().filter(|i| residuals[*i].is_finite()).collect();
     let similar = |a: usize, b: usize| {
+        let [m, n] = [a, b].map(|i| &session.moments[i]);
+        // the direction of a ballbar turns with its path
         session.readings[a].run == session.readings[b].run
-            && session.moments[a].u.dot(&session.moments[b].u) > NEARLY
+            && (m.is_ballbar && n.is_ballbar || m.u.dot(&n.u) > NEARLY)
     };
     if paired.len() >= 16 && repeats_tell(paired.len(), rows.len()) {
         // rows of one direction follow each other at most three apart (a reading in three directions)
@@ -80,18 +82,31 @@ fn white(session: &Session, class: usize, residuals: &[f64], gap: &[f64], used: 
     super::MAD * super::median(&mut sizes) / 20f64.sqrt()
 }
 
+/// Span of each setup of a class, s, its readings, and how many of them are at times of their own.
+fn spans(session: &Session, class: usize) -> Vec<(f64, usize, usize)> {
+    let mut span: BTreeMap<usize, (f64, f64, usize, usize)> = BTreeMap::new();
+    for (r, m) in session.readings.iter().zip(&session.moments).filter(|(r, _)| r.instrument == class) {
+        let e = span.entry(r.setup).or_insert((m.t_s, m.t_s, 0, 1));
+        e.2 += 1;
+        e.3 += usize::from(m.t_s != e.1);
+        e.1 = m.t_s;
+    }
+    span.into_values().map(|(from, to, all, times)| (to - from, all, times)).collect()
+}
+
 /// Correlation times between the step and the length of the setups of a class, s.
 fn times(session: &Session, class: usize) -> Vec<f64> {
-    let mut span: BTreeMap<usize, (f64, f64, usize)> = BTreeMap::new();
-    for (r, m) in session.readings.iter().zip(&session.moments).filter(|(r, _)| r.instrument == class) {
-        let e = span.entry(r.setup).or_insert((m.t_s, m.t_s, 0));
-        e.1 = m.t_s;
-        e.2 += 1;
-    }
-    let longest = span.values().map(|(a, b, _)| b - a).fold(0.0, f64::max).max(1e-3);
-    let step = span.values().map(|(a, b, n)| (b - a) / *n as f64).fold(f64::INFINITY, f64::min);
+    let spans = spans(session, class);
+    let longest = spans.iter().map(|s| s.0).fold(0.0, f64::max).max(1e-3);
+    let step = spans.iter().map(|(span, all, _)| span / *all as f64).fold(f64::INFINITY, f64::min);
     let (low, high) = ((10.0 * step).max(longest * 1e-3).max(1e-4), longest);
     (0..TIMES).map(|i| low * (high / low).max(1.0).powf(i as f64 / (TIMES - 1) as f64)).collect()
+}
+
+/// What is faster than a few readings follow each other, several directions at one time, is their noise and no drift, s.
+fn shortest_s(session: &Session, class: usize) -> f64 {
+    let steps = spans(session, class).into_iter().map(|(span, _, times)| span / times as f64);
+    10.0 * steps.fold(f64::INFINITY, f64::min)
 }
 
 /// From which values a drift is found.
@@ -112,7 +127,7 @@ fn drift(
     of: &Values<'_>,
 ) -> ClassNoise {
     let (scaled, shortest_s, known) = match of {
-        Values::Repeats => (true, 0.0, None),
+        Values::Repeats => (true, shortest_s(session, class), None),
         Values::Left { shortest_s, known } => (false, *shortest_s, known.as_ref()),
     };
     let mut rows: Vec<bool> = (0..values.len())
@@ -123,6 +138,7 @@ fn drift(
     if n < FEW {
         return start;
     }
+    let weight = if scaled { weight_of_repeats(session, &rows) } else { 1.0 };
     let mut noise = vec![start; session.instruments.len()];
     let mut best = (f64::INFINITY, start);
     if !scaled {
@@ -139,7 +155,7 @@ fn drift(
             let (score, scale) = if scaled {
                 let s = clipped_deviation(&e).max(1e-12);
                 let shifted: Vec<f64> = e.iter().map(|v| v / s).collect();
-                (filter.minus_two_log(&shifted) + 2.0 * n as f64 * s.ln(), s)
+                (weight * (filter.minus_two_log(&shifted) + 2.0 * n as f64 * s.ln()), s)
             } else {
                 (filter.minus_two_log(&e), 1.0)
             };
@@ -234,6 +250,12 @@ fn repeats_know(session: &Session, class: usize, used: &[bool]) -> bool {
     2 * many > all
 }
 
+/// Share of the residuals of `rows` that counts: those of two partners are one another's mirror.
+fn weight_of_repeats(session: &Session, rows: &[bool]) -> f64 {
+    let pairs = || session.readings.iter().zip(rows).filter(|(_, row)| **row).filter_map(|(r, _)| r.pair);
+    1.0 - pairs().collect::<BTreeSet<usize>>().len() as f64 / pairs().count().max(1) as f64
+}
+
 /// What repeats of a class say of its drift: not how large its slow part is, which all repeats share, but how rough it is.
 struct Repeated<'a> {
     session: &'a Session,
@@ -242,7 +264,6 @@ struct Repeated<'a> {
     rows: Vec<bool>,
     /// Median time between partners, s.
     apart_s: f64,
-    /// Share of the residuals that counts: those of two partners are one another's mirror.
     weight: f64,
     /// Best score that some drift reaches.
     best: f64,
@@ -265,12 +286,7 @@ impl<'a> Repeated<'a> {
             .map(|i| used[i] && residuals[i].is_finite() && session.readings[i].instrument == class)
             .collect();
         thin_runs(session, &mut rows);
-        let mut members: BTreeMap<usize, usize> = BTreeMap::new();
-        for (r, _) in session.readings.iter().zip(&rows).filter(|(_, k)| **k) {
-            *members.entry(r.pair.unwrap_or(usize::MAX)).or_default() += 1;
-        }
-        let all: usize = members.values().sum();
-        let weight = 1.0 - members.len() as f64 / all.max(1) as f64;
+        let weight = weight_of_repeats(session, &rows);
         let mut known = Self { session, class, residuals, rows, apart_s, weight, best: 0.0 };
         known.best = known.score(start).min(known.score(ClassNoise { drift_um: 0.0, ..start }));
         Some(known)
@@ -331,4 +347,39 @@ pub fn from_remainder(
             drift(session, class, remainder, used, *start, &left)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::machine_state::Machine;
+    use super::super::super::session::{History, Raw, Session};
+    use super::{shortest_s, weight_of_repeats};
+
+    /// Two repeats of ten points 20 s apart, each read along some directions at one time.
+    fn points(directions: usize) -> Session {
+        let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
+        let mut raw = Raw::made_up("s.csv", &names);
+        for k in 0..20 {
+            for d in 0..directions {
+                let u = [0, 1, 2].map(|axis| if axis == d { 1.0 } else { 0.0 });
+                let (repeat, x) = (f64::from(1 + k / 10), f64::from(k % 10));
+                let row = [20.0 * f64::from(k), 1.0, repeat, repeat, x, u[0], u[1], u[2], f64::from(k % 3)];
+                raw.push("probe", raw.lines.len() as u64 + 2, &row);
+            }
+        }
+        Session::build(&[raw], History::default(), Machine::plain()).expect("a session")
+    }
+
+    #[test]
+    fn directions_read_at_one_time_make_no_faster_drift() {
+        for directions in 1..=3 {
+            assert_eq!(shortest_s(&points(directions), 0), 190.0);
+        }
+    }
+
+    #[test]
+    fn of_two_repeats_one_counts() {
+        let session = points(3);
+        assert_eq!(weight_of_repeats(&session, &vec![true; session.readings.len()]), 0.5);
+    }
 }

@@ -20,13 +20,15 @@ fn distance(session: &Session, a: usize, b: usize) -> f64 {
     (0..p.len()).map(|k| of(k).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Pairs of nearest neighbours of one setup and direction among `rows`; empty where readings follow their places.
+/// Pairs of nearest neighbours of one pass and direction among `rows`; empty where readings follow their places.
 #[must_use]
 pub fn neighbours(session: &Session, rows: &[usize]) -> Vec<(usize, usize)> {
     let step = rows.len().div_ceil(ROWS).max(1);
     let rows: Vec<usize> = rows.iter().copied().step_by(step).collect();
+    // another pass comes by the same places without being out of order
     let alike = |a: usize, b: usize| {
-        session.readings[a].setup == session.readings[b].setup
+        session.readings[a].run == session.readings[b].run
+            && session.readings[a].setup == session.readings[b].setup
             && session.readings[a].instrument == session.readings[b].instrument
             && session.moments[a].u.dot(&session.moments[b].u) > NEARLY
     };

@@ -1,0 +1,82 @@
+//! The white noise of each instrument, where only some of them repeat, and beside causes that differ between neighbours.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes files")]
+
+use core::f64::consts::TAU;
+use std::fmt::Write as _;
+
+use serde_json::Value;
+
+use crate::cli::declared;
+use crate::instruments::diagnose;
+use crate::support::normal;
+
+const BALLBAR_UM: f64 = 0.4;
+const LASER_UM: f64 = 0.3;
+
+/// A circle of 100 mm in XY to and fro, each once, with a reading every `step_deg`, and three cycles along Y with a scale error of
+/// 20 um/m. `error_um`: of X by its position and direction.
+fn session(step_deg: f64, seed: u64, error_um: impl Fn(f64, f64) -> f64) -> Value {
+    let mut noise = normal(seed);
+    let mut table = "t_s,instrument,setup,run,repeat,x_mm,y_mm,u_x,u_y,u_z,deviation_um\n".to_owned();
+    let (mut t_s, mut run) = (0.0, 0);
+    for sign in [1.0, -1.0] {
+        run += 1;
+        for k in 0..(360.0 / step_deg) as usize {
+            let (sin, cos) = (sign * step_deg * (k as f64 + 0.5)).to_radians().sin_cos();
+            let (x, y) = (200.0 + 100.0 * cos, 200.0 + 100.0 * sin);
+            let read_um = error_um(x, -sign * sin) * cos + 0.02 * y * sin + BALLBAR_UM * noise();
+            t_s += step_deg.to_radians() * 6.0;
+            writeln!(table, "{t_s:.3},ballbar,1,{run},1,{x:.4},{y:.4},{cos:.7},{sin:.7},0,{read_um:.3}")
+                .unwrap();
+        }
+        t_s += 30.0;
+    }
+    for cycle in 1..=3 {
+        for sign in [1.0, -1.0] {
+            run += 1;
+            for k in 0..11 {
+                let y = 31.7 * f64::from(if sign > 0.0 { k } else { 10 - k });
+                t_s += 9.0;
+                let read_um = 0.02 * y + LASER_UM * noise();
+                writeln!(table, "{t_s:.3},laser,2,{run},{cycle},100,{y:.1},0,1,0,{read_um:.3}").unwrap();
+            }
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("session.csv");
+    std::fs::write(&path, table).unwrap();
+    diagnose(&path, &[]).0
+}
+
+fn assert_noise(r: &Value, case: &str) {
+    for (name, truth) in [("ballbar", BALLBAR_UM), ("laser", LASER_UM)] {
+        let all = r["noise"].as_array().unwrap();
+        let white_um = all.iter().find(|n| n["instrument"] == name).unwrap()["white_um"].as_f64().unwrap();
+        assert!((0.6..1.6).contains(&(white_um / truth)), "{case}: {name} {white_um}, not {truth}");
+    }
+    let [noise_um, rms_um] = ["noise_um", "rms_um"].map(|k| r["gap"][k].as_f64().unwrap());
+    assert!(noise_um < rms_um, "{case}: {noise_um} of {rms_um}");
+}
+
+/// Circles that pass by the same places both ways, once each: their noise is that of neighbours on the path, not of the other pass.
+#[test]
+fn a_ballbar_without_repeats_has_the_noise_of_its_path() {
+    for seed in 1..=3 {
+        let r = session(8.0, seed, |_, velocity| if velocity < 0.0 { 6.0 } else { 0.0 });
+        assert_noise(&r, &seed.to_string());
+        assert_eq!(declared(&r), ["backlash:x", "scale:y"], "{seed}");
+        assert_ne!(r["verdict"], "unexplained", "{seed}");
+    }
+}
+
+/// A wave of 8 mm that a circle samples coarsely differs between neighbours: beside it the noise is what is left.
+#[test]
+fn the_noise_of_a_circle_is_judged_beside_a_periodic_error() {
+    for seed in 1..=2 {
+        let r = session(1.5, seed, |x, _| 5.0 * (x * TAU / 8.0).sin());
+        assert_noise(&r, &seed.to_string());
+        assert!(declared(&r).contains(&"cyclic:x".to_owned()), "{seed}: {:?}", declared(&r));
+    }
+}
