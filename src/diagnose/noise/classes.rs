@@ -14,6 +14,8 @@ use super::{ClassNoise, Filter, by_pair, clipped_deviation};
 const RATIOS: [f64; 12] = [0.0, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 14.0];
 /// Number of correlation times that are tried.
 const TIMES: usize = 7;
+/// The shortest of them, in times of reading.
+const SHORTEST: f64 = 10.0;
 
 /// What differs between repeats, scaled to the size of the noise; NaN where a reading has no partner.
 #[must_use]
@@ -99,14 +101,14 @@ fn times(session: &Session, class: usize) -> Vec<f64> {
     let spans = spans(session, class);
     let longest = spans.iter().map(|s| s.0).fold(0.0, f64::max).max(1e-3);
     let step = spans.iter().map(|(span, all, _)| span / *all as f64).fold(f64::INFINITY, f64::min);
-    let (low, high) = ((10.0 * step).max(longest * 1e-3).max(1e-4), longest);
+    let (low, high) = ((SHORTEST * step).max(longest * 1e-3).max(1e-4), longest);
     (0..TIMES).map(|i| low * (high / low).max(1.0).powf(i as f64 / (TIMES - 1) as f64)).collect()
 }
 
 /// What is faster than a few readings follow each other, several directions at one time, is their noise and no drift, s.
 fn shortest_s(session: &Session, class: usize) -> f64 {
     let steps = spans(session, class).into_iter().map(|(span, _, times)| span / times as f64);
-    10.0 * steps.fold(f64::INFINITY, f64::min)
+    SHORTEST * steps.fold(f64::INFINITY, f64::min)
 }
 
 /// From which values a drift is found.
