@@ -34,7 +34,8 @@ fn is_shown(page: &str, printed: &str) -> bool {
     let open = page.trim_end().ends_with("..");
     let shown: Vec<&str> = page.trim_end().trim_end_matches("..").split_whitespace().collect();
     let printed: Vec<&str> = printed.split_whitespace().collect();
-    let same = |(a, b): (&&str, &&str)| match (a.parse::<f64>(), b.parse::<f64>()) {
+    let number = |word: &str| word.trim_matches(['(', ')', ',', ';']).parse::<f64>();
+    let same = |(a, b): (&&str, &&str)| match (number(a), number(b)) {
         (Ok(a), Ok(b)) => (a - b).abs() <= 0.02 * b.abs() + 0.011,
         _ => a == b,
     };
