@@ -139,6 +139,7 @@ fn a_pair_that_numbers_passes_pairs_their_rows_in_order() {
 fn numbers_in_one_file_leave_the_states_of_another() {
     let mut numbered = line();
     numbered.file = "b.csv".into();
+    column(&mut numbered, "deviation_um").iter_mut().for_each(|d| *d = -*d);
     numbered.names.push("pair".into());
     numbered.columns.push((0..40).map(f64::from).collect());
     let s = Session::build(&[line(), numbered], History::default(), Machine::plain()).unwrap();
