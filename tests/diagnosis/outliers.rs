@@ -129,7 +129,7 @@ fn outliers_beside_a_thermal_expansion_are_a_cause() {
 fn a_point_without_a_majority_of_its_repeats_says_nothing() {
     let three_of = |target: usize, off: [f64; 4]| {
         move |row: usize, [cycle, at]: [usize; 2]| {
-            let is_forward = (row - 1) / 11 % 2 == 0;
+            let is_forward = ((row - 1) / 11).is_multiple_of(2);
             if at == target && is_forward { off[cycle - 1] } else { 0.0 }
         }
     };
