@@ -141,6 +141,7 @@ fn drift(
         return start;
     }
     let weight = if scaled { weight_of_repeats(session, &rows) } else { 1.0 };
+    let times = times(session, class);
     let mut noise = vec![start; session.instruments.len()];
     let mut best = (f64::INFINITY, start);
     if !scaled {
@@ -149,7 +150,7 @@ fn drift(
         best.0 = filter.minus_two_log(&filter.column(values));
     }
     for ratio in RATIOS {
-        for time in times(session, class).into_iter().filter(|t| ratio == 0.0 || *t >= shortest_s) {
+        for time in times.iter().copied().filter(|t| ratio == 0.0 || *t >= shortest_s) {
             let trial = ClassNoise { drift_um: ratio * start.white_um, drift_s: time, ..start };
             noise[class] = trial;
             let filter = Filter::new(session, &noise, &rows);
@@ -266,6 +267,7 @@ struct Repeated<'a> {
     rows: Vec<bool>,
     /// Median time between partners, s.
     apart_s: f64,
+    /// [`weight_of_repeats`] of the rows.
     weight: f64,
     /// Best score that some drift reaches.
     best: f64,

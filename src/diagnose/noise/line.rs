@@ -21,6 +21,7 @@ pub(super) fn from_lines(session: &Session, gap: &[f64], used: &[bool]) -> Vec<O
         !moves(m) && !m.is_ballbar && !m.is_encoder
     };
     for axis in 0..3 {
+        let at = |i: usize| session.moments[i].position[axis];
         let mut lines: BTreeMap<_, Vec<usize>> = BTreeMap::new();
         for i in (0..gap.len()).filter(at_rest) {
             let (r, m) = (&session.readings[i], &session.moments[i]);
@@ -30,47 +31,51 @@ pub(super) fn from_lines(session: &Session, gap: &[f64], used: &[bool]) -> Vec<O
             lines.entry(line).or_default().push(i);
         }
         for mut rows in lines.into_values() {
-            let at = |i: usize| session.moments[i].position[axis];
             rows.sort_by(|i, j| at(*i).total_cmp(&at(*j)));
-            for i in &rows {
-                let apart = |j: &usize| (*j, at(*j) - at(*i));
-                let ahead = rows.partition_point(|j| apart(j).1 < -EQUAL);
-                let behind = rows.partition_point(|j| apart(j).1 <= EQUAL);
-                let nearest = |some: &mut dyn Iterator<Item = &usize>| {
-                    some.filter(|j| used[**j]).take(2 * FAR).map(apart).collect::<Vec<_>>()
-                };
-                let mut sides =
-                    [nearest(&mut rows[..ahead].iter().rev()), nearest(&mut rows[behind..].iter())];
-                let fewer = sides[0].len().min(sides[1].len());
-                let is_inside = fewer >= REACH;
-                let most = if is_inside { FAR.min(fewer) } else { 2 * FAR - fewer };
-                sides.iter_mut().for_each(|s| s.truncate(most));
-                if let Some(off) = off_line(gap, *i, &sides)
-                    && out[*i].is_none_or(|o| off.off_um.abs() <= o.off_um.abs())
+            for i in rows.iter().copied() {
+                let sides = neighbours(&rows, i, &at, used);
+                if let Some(off) = off_line(gap, i, &sides)
+                    && out[i].is_none_or(|o| off.off_um.abs() <= o.off_um.abs())
                 {
-                    out[*i] = Some(off);
-                    at_end[*i] = !is_inside;
+                    out[i] = Some(off);
+                    at_end[i] = sides.iter().any(|s| s.len() < REACH);
                 }
             }
         }
     }
-    let mut places: BTreeMap<_, Vec<usize>> = BTreeMap::new();
-    for i in (0..gap.len()).filter(|i| out[*i].is_some()) {
+    let position = |i: usize| {
         let (r, m) = (&session.readings[i], &session.moments[i]);
-        places.entry((r.setup, r.instrument, along(m), place(&m.position))).or_default().push(i);
+        (r.setup, r.instrument, along(m), place(&m.position))
+    };
+    let mut same: BTreeMap<_, Vec<(usize, f64)>> = BTreeMap::new();
+    for (i, off) in out.iter().enumerate().filter_map(|(i, off)| Some((i, (*off)?))) {
+        same.entry(position(i)).or_default().push((i, off.off_um));
     }
-    let off_um: Vec<f64> = out.iter().map(|o| o.map_or(f64::NAN, |o| o.off_um)).collect();
     for i in 0..gap.len() {
         let Some(off) = &mut out[i] else { continue };
-        let (r, m) = (&session.readings[i], &session.moments[i]);
-        let same = &places[&(r.setup, r.instrument, along(m), place(&m.position))];
-        let apart = same.iter().filter(|j| **j != i).map(|j| off_um[i] - off_um[*j]);
-        off.nearest_um = apart.fold(off.nearest_um, nearer);
-        if at_end[i] && same.len() == 1 {
+        let others = same[&position(i)].iter().filter(|(j, _)| *j != i);
+        off.nearest_um = others.clone().map(|(_, um)| off.off_um - um).fold(off.nearest_um, nearer);
+        if at_end[i] && others.count() == 0 {
             out[i] = None;
         }
     }
     out
+}
+
+/// The readings `used` before and behind reading `i` on a line of `rows` in the order of their places (`at`), the nearest first, with
+/// their distances: equally many on either side, but at the ends.
+fn neighbours(rows: &[usize], i: usize, at: &dyn Fn(usize) -> f64, used: &[bool]) -> [Vec<(usize, f64)>; 2] {
+    let apart = |j: usize| at(j) - at(i);
+    let ahead = rows.partition_point(|j| apart(*j) < -EQUAL);
+    let behind = rows.partition_point(|j| apart(*j) <= EQUAL);
+    let nearest = |some: &mut dyn Iterator<Item = &usize>| {
+        some.copied().filter(|j| used[*j]).take(2 * FAR).map(|j| (j, apart(j))).collect::<Vec<_>>()
+    };
+    let mut sides = [nearest(&mut rows[..ahead].iter().rev()), nearest(&mut rows[behind..].iter())];
+    let fewer = sides[0].len().min(sides[1].len());
+    let most = if fewer < REACH { 2 * FAR - fewer } else { FAR.min(fewer) };
+    sides.iter_mut().for_each(|s| s.truncate(most));
+    sides
 }
 
 /// Positions that are equal have the same numbers.

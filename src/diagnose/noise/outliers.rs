@@ -7,7 +7,7 @@ use super::super::constants::{FEW, HALF, LITTLE, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
 use super::filter::{ClassNoise, Filter};
 use super::line::from_lines;
-use super::path::{OffPath, from_path};
+use super::path::{OffPath, from_path, nearer};
 use super::{MAD, by_pair, median, moves, repeats_of};
 
 /// Readings on both sides whose median is taken as the slow part.
@@ -19,7 +19,8 @@ const NEIGHBOURS: usize = 4;
 pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize> {
     // those marked in the file come first: beside them the others are judged
     let mut found: Vec<usize> = (0..gap.len()).filter(|i| session.readings[*i].is_marked).collect();
-    let mut used: Vec<bool> = session.readings.iter().map(|r| !r.is_marked).collect();
+    let unmarked = all_but(gap.len(), &found);
+    let mut used = unmarked.clone();
     for _ in 0..ROUNDS {
         let new = round(session, gap, lattice_um, &used);
         if new.is_empty() {
@@ -30,15 +31,14 @@ pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize
         }
         found.extend(new);
     }
-    found.extend(without_majority(session, gap, &used));
+    found.extend(without_majority(session, gap, &unmarked, &used));
     found.sort_unstable();
     found
 }
 
 /// Readings `used` of points with three and more repeats that no majority supports: at most half of the repeats are left, or one
 /// more than were left out, of which one lies much nearer to the neighbours in its run. None says which of them are no outliers.
-fn without_majority(session: &Session, gap: &[f64], used: &[bool]) -> Vec<usize> {
-    let unmarked: Vec<bool> = session.readings.iter().map(|r| !r.is_marked).collect();
+fn without_majority(session: &Session, gap: &[f64], unmarked: &[bool], used: &[bool]) -> Vec<usize> {
     let bent = |i: usize| bend(session, gap, used, i);
     let has_none = |(all, left): &(Vec<usize>, Vec<usize>)| {
         let mut out = all.iter().filter(|i| !used[**i]);
@@ -48,7 +48,7 @@ fn without_majority(session: &Session, gap: &[f64], used: &[bool]) -> Vec<usize>
             _ => false,
         }
     };
-    let groups = by_pair(session, &unmarked).into_iter().zip(by_pair(session, used));
+    let groups = by_pair(session, unmarked).into_iter().zip(by_pair(session, used));
     groups.filter(|(all, _)| all.len() > 2).filter(has_none).flat_map(|(_, left)| left).collect()
 }
 
@@ -123,7 +123,7 @@ pub fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> 
             let mut apart: Vec<f64> = rows.iter().filter(|j| *j != i).map(|j| gap[*i] - gap[*j]).collect();
             apart.sort_by(f64::total_cmp);
             let middle = [apart[(apart.len() - 1) / 2], apart[apart.len() / 2]];
-            out[*i] = if middle[0].abs() < middle[1].abs() { middle[0] } else { middle[1] };
+            out[*i] = nearer(middle[1], middle[0]);
         }
     }
     out
