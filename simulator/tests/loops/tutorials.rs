@@ -34,13 +34,24 @@ fn is_shown(page: &str, printed: &str) -> bool {
     let open = page.trim_end().ends_with("..");
     let shown: Vec<&str> = page.trim_end().trim_end_matches("..").split_whitespace().collect();
     let printed: Vec<&str> = printed.split_whitespace().collect();
-    let number = |word: &str| word.trim_matches(['(', ')', ',', ';']).parse::<f64>();
-    let same = |(a, b): (&&str, &&str)| match (number(a), number(b)) {
-        (Ok(a), Ok(b)) => (a - b).abs() <= 0.02 * b.abs() + 0.011,
+    let bare = |word: &str| word.trim_matches(['(', ')', ',', ';']).to_owned();
+    let same = |(a, b): (&&str, &&str)| match (bare(a).parse::<f64>(), bare(b).parse::<f64>()) {
+        (Ok(x), Ok(y)) => {
+            (x - y).abs() <= 0.02 * y.abs() + 0.011 && a.replace(&bare(a), "") == b.replace(&bare(b), "")
+        }
         _ => a == b,
     };
     (if open { shown.len() <= printed.len() } else { shown.len() == printed.len() })
         && shown.iter().zip(&printed).all(same)
+}
+
+#[test]
+fn shown_numbers_agree_to_two_percent_in_the_same_brackets() {
+    for (page, is_alike) in
+        [("5.6 mm (26.9 um)", true), ("5.6 mm (28 um)", false), ("5.6 mm 26.9 um)", false)]
+    {
+        assert_eq!(is_shown(page, "5.55 mm (26.91 um)"), is_alike, "{page}");
+    }
 }
 
 #[test]
