@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use super::super::constants::{
     LEAST_PROBABILITY, MISFORM_RUNG, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES, TRIED,
@@ -140,11 +141,12 @@ impl Search {
     /// The likeliest scales and set.
     fn run(&mut self) -> Option<(Rungs, Vec<Member>)> {
         let zero = vec![0; self.structure.components.len()];
-        let alone = self.target(&[]).ascend(&zero);
+        let none = self.target(&[]);
         // a mean over the places has a name, which a discrepancy that came first would take
-        let named = self.target(&[]).ascend_among(&zero, &|component| {
+        let may_enter = |component| {
             !matches!(component, Component::Place(_) | Component::Direction(_) | Component::Speed(_))
-        });
+        };
+        let (alone, named) = rayon::join(|| none.ascend(&zero), || none.ascend_among(&zero, &may_enter));
         let mut best = self.settle(zero, Vec::new())?;
         for start in [alone, named] {
             let other = self.settle(start, Vec::new())?;
@@ -249,14 +251,18 @@ impl Search {
                 cases.insert(next);
             }
         }
-        for case in cases {
-            let covariance = Covariance::new(&self.structure, &scales::values(&case), &self.weights)?;
-            let gram = Gram::new(&covariance, &columns, &self.y);
+        let keys: Vec<Vec<usize>> = likely.iter().map(|set| sets::key(&columns, set)).collect();
+        let (structure, weights, y) = (&self.structure, &self.weights, &self.y);
+        let weigh = |case: Rungs| {
+            let covariance = Covariance::new(structure, &scales::values(&case), weights)?;
+            let gram = Gram::new(&covariance, &columns, y);
             let prior = scales::log_prior(&case);
             let each = likely.iter().map(|set| sets::own_weight(&gram, &columns, set) + prior);
-            let sums = likely.iter().map(|set| sets::key(&columns, set)).zip(each).collect();
-            self.beside.insert(case, sums);
-        }
+            let sums = keys.iter().cloned().zip(each).collect();
+            Some((case, sums))
+        };
+        let beside: Option<Vec<_>> = cases.into_par_iter().map(weigh).collect();
+        self.beside.extend(beside?);
         Some(())
     }
 

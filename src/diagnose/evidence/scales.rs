@@ -1,8 +1,9 @@
 //! Scales of drift and discrepancy: marginal likelihood over a ladder, component by component.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use super::super::constants::{MOST, NOISE_SCALES, TRIED};
 use super::super::dense::{cholesky, inverse_lower, product, solve_lower};
@@ -109,34 +110,38 @@ impl Target<'_> {
     /// The same with only some components beside those of the start.
     pub(super) fn ascend_among(&self, start: &[usize], may_enter: &dyn Fn(Component) -> bool) -> Rungs {
         let enters = |c: &usize| may_enter(self.structure.components[*c].0);
-        let mut known: BTreeMap<Rungs, f64> = BTreeMap::new();
-        let mut value = |rungs: &Rungs| -> f64 {
-            *known.entry(rungs.clone()).or_insert_with(|| self.log_posterior(rungs))
-        };
         let mut best = start.to_vec();
-        let mut most = value(&best);
+        let mut most = self.log_posterior(&best);
+        let mut known = BTreeMap::from([(best.clone(), most)]);
         for _ in 0..MOST {
             let Some(slopes) = self.slopes(&best) else { break };
             let mut steep: Vec<usize> =
                 (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0 && enters(c)).collect();
             steep.sort_by(|a, b| slopes[*b].total_cmp(&slopes[*a]));
             steep.truncate(TRIED);
-            let mut tried: Vec<(usize, usize)> = Vec::new();
+            let mut tried: Vec<Rungs> = Vec::new();
             for (c, now) in best.iter().copied().enumerate() {
-                if now > 0 {
-                    tried.extend([(c, 0), (c, now - 1), (c, (now + 1).min(self.structure.top(c)))]);
-                } else if steep.contains(&c) {
-                    tried.extend([1, 3, 5].map(|rung: usize| (c, rung.min(self.structure.top(c)))));
+                let top = self.structure.top(c);
+                let places = match now {
+                    0 if steep.contains(&c) => [1, 3, 5],
+                    0 => continue,
+                    _ => [0, now - 1, now + 1],
+                };
+                for rung in places {
+                    let mut next = best.clone();
+                    next[c] = rung.min(top);
+                    tried.push(next);
                 }
             }
+            let fresh: BTreeSet<&Rungs> = tried.iter().filter(|rungs| !known.contains_key(*rungs)).collect();
+            let values: Vec<(Rungs, f64)> =
+                fresh.into_par_iter().map(|rungs| (rungs.clone(), self.log_posterior(rungs))).collect();
+            known.extend(values);
             let before = most;
-            let from = best.clone();
-            for (c, rung) in tried {
-                let mut next = from.clone();
-                next[c] = rung;
-                let v = value(&next);
-                if v > most + 1e-9 {
-                    (best, most) = (next, v);
+            for next in tried {
+                let value = known[&next];
+                if value > most + 1e-9 {
+                    (best, most) = (next, value);
                 }
             }
             if most <= before {
