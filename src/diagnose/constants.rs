@@ -18,7 +18,7 @@ pub(crate) const SIGNIFICANT: f64 = 5.0;
 /// doubled: slow effects are swallowed.
 pub(crate) const STRONG: f64 = 8.0;
 /// Share below which something is little beside something else: what a table says beside a worn place, where an effect acts, the
-/// forecast shrink that explains anything, the chance that there is no discrepancy, readings that may be wild, what is left of the
+/// forecast shrink that explains anything, the chance that there is no discrepancy, readings that may be outliers, what is left of the
 /// probability of an effect that makes readings left out worse. Halved: worn places become tables; doubled: single curves
 /// are taken for worn places.
 pub(crate) const LITTLE: f64 = 0.05;

@@ -58,6 +58,10 @@ pub(super) fn allow_for_structure(
     least_um: f64,
 ) {
     let square = problem.y.norm_squared();
+    if std::env::var("ROUGH").is_ok() && allow_for_roughness(problem, session, filter, library, selection, least_um) {
+        allow_for_variation(problem, session, filter, library, selection);
+        return;
+    }
     let found = search::discrepancy(session, filter, problem, library, selection, least_um);
     let before = found.is_some().then(|| Found::of(problem, library, selection, square));
     allow_for_variation(problem, session, filter, library, selection);
@@ -76,6 +80,35 @@ pub(super) fn allow_for_structure(
         varying.restore(problem, session, filter, library, selection);
     }
     problem.prepare(&selection.chosen);
+}
+
+/// Where curves are rougher than their polynomials, what these leave joins the noise, and causes are looked for again, where that says
+/// more.
+fn allow_for_roughness(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+    least_um: f64,
+) -> bool {
+    let square = problem.y.norm_squared();
+    let Some((found, kept)) = search::roughness(session, filter, problem, library, selection, least_um) else {
+        return false;
+    };
+    let before = Found::of(problem, library, selection, square);
+    problem.join(Some(found), None);
+    problem.prepare(&kept);
+    selection.restart(problem, library, &kept);
+    find_causes(problem, session, filter, library, selection);
+    let now = Found::of(problem, library, selection, square);
+    if std::env::var("ROUGH_SAY").is_ok() { let name = |v: &usize| library.labels[library.variants[*v].label].to_string(); eprintln!("evidence {} -> {} {:?}", before.evidence, now.evidence, selection.chosen.iter().map(name).collect::<Vec<_>>()); }
+    if now.evidence < before.evidence + STRONG {
+        before.restore(problem, session, filter, library, selection);
+        problem.prepare(&selection.chosen);
+        return false;
+    }
+    true
 }
 
 /// Share of the energy of the largest from which effects are asked whether they vary, and the most that are asked.

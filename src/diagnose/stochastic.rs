@@ -70,7 +70,7 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
     }
 }
 
-/// False where the noise is merely heavy-tailed, of all readings and of each class: then single wild readings are its tails
+/// False where the noise is merely heavy-tailed, of all readings and of each class: then single outliers are its tails
 /// and no cause of their own.
 fn beyond_tails(e: &Evidence<'_>) -> bool {
     let [times, deviations, least] = BEYOND_TAILS;
@@ -119,15 +119,16 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     if outlying as f64 >= least && beyond_tails(e) {
         let share = outlying as f64 / n as f64;
         let std = (share / n as f64).sqrt();
-        let mut wild = cause("outliers", PASSED[0], &[("share_percent", 100.0 * share, 100.0 * std)]);
+        let mut cause = cause("outliers", PASSED[0], &[("share_percent", 100.0 * share, 100.0 * std)]);
         if 2.0 * in_blocks(e) > 1.0 {
-            (wild.declared, wild.probability) = (false, PASSED[1]);
-            wild.remark = "most of them follow each other: something jumps and stays, no outliers".to_owned();
+            (cause.declared, cause.probability) = (false, PASSED[1]);
+            cause.remark =
+                "most of them follow each other: something jumps and stays, no outliers".to_owned();
         } else if let Some(axis) = along_one(e) {
-            (wild.declared, wild.probability) = (false, PASSED[1]);
-            wild.remark = format!("nearly all along {axis}: an axis that does not repeat, no outliers");
+            (cause.declared, cause.probability) = (false, PASSED[1]);
+            cause.remark = format!("nearly all along {axis}: an axis that does not repeat, no outliers");
         }
-        found.push(wild);
+        found.push(cause);
     }
     for (class, step) in e.lattice_um.iter().enumerate() {
         if e.varies(class) && *step >= TOLD * e.rms_um && rounding(*step, e.noise[class].white_um).is_some() {

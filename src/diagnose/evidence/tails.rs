@@ -46,7 +46,7 @@ fn is_same_point(session: &Session, i: usize, j: usize) -> bool {
 impl Search {
     /// Groups of readings out of the tails, with the weight of their variance that makes them ordinary. The residuals of a point
     /// from what all others predict are judged jointly against a noise estimated without it (F test with the probability of
-    /// [`SURE`] standard deviations): a wild point must not hide in the noise that it makes itself.
+    /// [`SURE`] standard deviations): an outlying point must not hide in the noise that it makes itself.
     pub(super) fn tails(
         &self,
         rungs: &Rungs,

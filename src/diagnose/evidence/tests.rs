@@ -87,7 +87,7 @@ fn a_mean_reversal_error_is_named_where_its_width_scatters_from_target_to_target
     }
 }
 
-/// One reading at each of 24 places, of which one is wild.
+/// One reading at each of 24 places, of which one is an outlier.
 #[test]
 fn one_bad_reading_is_no_table_of_positions() {
     let mut random = Random::new(8);
@@ -153,21 +153,21 @@ fn noise_of_six_kinds_has_no_mechanical_name() {
 }
 
 #[test]
-fn wild_readings_count_less_and_hide_nothing() {
+fn outliers_count_less_and_hide_nothing() {
     let mut random = Random::new(77);
     let mut k = 0;
     let raw = iso_test(|_, d, _, _| {
         k += 1;
-        let wild = if k == 21 || k == 60 { 100.0 } else { 0.0 };
-        4.0 * d + wild + random.normal()
+        let outlier = if k == 21 || k == 60 { 100.0 } else { 0.0 };
+        4.0 * d + outlier + random.normal()
     });
     let found = compared(raw);
     assert_eq!(found.0.outlying.iter().map(|(i, _)| *i).collect::<Vec<_>>(), [20, 59]);
     assert!(probability(&found, "backlash:x") > 0.95, "{:?}", found.0.contenders);
 }
 
-/// Sixteen holes measured in x and y with a squareness of 90 um/m and a noise of 2 um; the hole 3 is off by `wild`, um.
-fn plate(seed: u64, wild: [f64; 2]) -> Raw {
+/// Sixteen holes measured in x and y with a squareness of 90 um/m and a noise of 2 um; the hole 3 is off by `error_um`, um.
+fn plate(seed: u64, error_um: [f64; 2]) -> Raw {
     let mut random = Random::new(seed);
     let names =
         ["t_s", "setup", "run", "repeat", "x_mm", "y_mm", "u_x", "u_y", "u_z", "deviation_um", "moving"];
@@ -175,8 +175,8 @@ fn plate(seed: u64, wild: [f64; 2]) -> Raw {
     for hole in 0..16u32 {
         let k = 7 * hole % 16;
         let [x, y] = [k % 4, k / 4].map(|i| 60.0 * f64::from(i));
-        for (axis, wild) in wild.into_iter().enumerate() {
-            let bad = if hole == 3 { wild } else { 0.0 };
+        for (axis, error_um) in error_um.into_iter().enumerate() {
+            let bad = if hole == 3 { error_um } else { 0.0 };
             let d = if axis == 0 { 0.09 * y } else { 0.0 } + bad + 2.0 * random.normal();
             let u = [0, 1].map(|i| f64::from(u8::from(i == axis)));
             let row = [f64::from(hole), 0.0, 0.0, 0.0, x, y, u[0], u[1], 0.0, d, 0.0];
@@ -188,12 +188,12 @@ fn plate(seed: u64, wild: [f64; 2]) -> Raw {
 
 #[test]
 fn a_bad_hole_is_left_out_in_both_coordinates_and_hides_nothing() {
-    for (seed, wild) in [[70.0, 50.0], [77.0, 15.0], [-80.0, 0.0], [9.0, 9.0]].into_iter().enumerate() {
-        let found = compared(plate(seed as u64, wild));
+    for (seed, error_um) in [[70.0, 50.0], [77.0, 15.0], [-80.0, 0.0], [9.0, 9.0]].into_iter().enumerate() {
+        let found = compared(plate(seed as u64, error_um));
         let out: Vec<usize> = found.0.outlying.iter().map(|(i, _)| *i).collect();
-        assert_eq!(out, [6, 7], "{wild:?}: {:?}", found.0.outlying);
-        assert!(found.0.white_um < 4.0, "{wild:?}: {}", found.0.white_um);
-        assert!(probability(&found, "squareness:xy") > 0.9, "{wild:?}: {:?}", found.0.contenders);
+        assert_eq!(out, [6, 7], "{error_um:?}: {:?}", found.0.outlying);
+        assert!(found.0.white_um < 4.0, "{error_um:?}: {}", found.0.white_um);
+        assert!(probability(&found, "squareness:xy") > 0.9, "{error_um:?}: {:?}", found.0.contenders);
     }
 }
 

@@ -120,7 +120,7 @@ impl Program {
                     .to_owned();
             }
             Motion::Spindle => {
-                return "(by hand, with a probe at the tool, a reading a second:)\n(spindle on for an hour at a usual \
+                return "(by hand, with a probe at the tool, one reading every second)\n(spindle on for an hour at a usual \
                         speed, off for an hour, on for an hour)"
                     .to_owned();
             }

@@ -74,7 +74,7 @@ pub fn median(values: &mut [f64]) -> f64 {
     0.5 * (lower + upper)
 }
 
-/// Standard deviation about zero that single wild values do not move: values are clipped.
+/// Standard deviation about zero that single outliers do not move: values are clipped.
 #[must_use]
 pub fn clipped_deviation(values: &[f64]) -> f64 {
     if values.is_empty() {

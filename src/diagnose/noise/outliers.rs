@@ -316,8 +316,8 @@ mod tests {
     use super::super::Random;
     use super::{MAD, OUTLYING, Tails, median, outliers, tails_of};
 
-    /// Differences of two draws of Student's noise in robust standard deviations, some of them replaced by `wild`.
-    fn noise(freedom: usize, n: usize, wild: &[f64]) -> Tails {
+    /// Differences of two draws of Student's noise in robust standard deviations, some of them replaced by `outliers`.
+    fn noise(freedom: usize, n: usize, outliers: &[f64]) -> Tails {
         let mut random = Random::new(freedom as u64);
         let mut draw = || {
             let square: f64 = (0..freedom).map(|_| random.normal().powi(2)).sum();
@@ -326,12 +326,12 @@ mod tests {
         let mut values: Vec<f64> = (0..n).map(|_| draw() - draw()).collect();
         let sigma = MAD * median(&mut values.iter().map(|v| v.abs()).collect::<Vec<f64>>());
         values.iter_mut().for_each(|v| *v /= sigma);
-        values.iter_mut().skip(n / 3).zip(wild).for_each(|(v, w)| *v = *w);
+        values.iter_mut().skip(n / 3).zip(outliers).for_each(|(v, w)| *v = *w);
         tails_of(&values.into_iter().enumerate().collect::<Vec<_>>())
     }
 
     #[test]
-    fn heavy_tails_explain_themselves_and_wild_readings_are_beyond_them() {
+    fn heavy_tails_explain_themselves_and_outliers_are_beyond_them() {
         for freedom in [3, 4, 6, 50] {
             let t = noise(freedom, 40_000, &[]);
             for (beyond, expected) in t.beyond.into_iter().zip(t.expected) {

@@ -316,15 +316,15 @@ pub(super) fn conclude(
     }
     let fresh = fresh.map(|f| {
         notes.extend(not_seen_on(f, a, &assessed));
-        let wild = outliers(f, &f.gap(), &lattices(f));
-        if !wild.is_empty() {
+        let outlying = outliers(f, &f.gap(), &lattices(f));
+        if !outlying.is_empty() {
             notes.push(format!(
                 "fresh data: {} of {} readings are marked as outliers or lie apart from their repeats or their path; they are left out",
-                wild.len(),
+                outlying.len(),
                 f.readings.len()
             ));
         }
-        let seen = seen_on(f, a, &assessed, (&owner, &beta), (&wild, session.is_bar_length_off));
+        let seen = seen_on(f, a, &assessed, (&owner, &beta), (&outlying, session.is_bar_length_off));
         let fraction = 1.0 - seen.1 / seen.0.max(1e-12);
         Fresh {
             rms_before_um: seen.0,

@@ -20,7 +20,7 @@ use super::select::{Selection, evidence};
 use super::variation::{DEGREE, DEGREES, Left, powers, products, ways};
 
 /// Standard deviations of the coefficients that are tried, in those of the white noise of the best instrument.
-const SCALES: [f64; 8] = [0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
+pub(super) const SCALES: [f64; 8] = [0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
 
 /// Quantile of chi-square with one degree of freedom: twice the logarithm of the likelihood ratio at the ends of an interval of 95 %.
 const CHI_SQUARE_95: f64 = 3.84;
@@ -71,7 +71,7 @@ fn possible(scales: &[f64], gain: impl Fn(f64) -> f64) -> Vec<f64> {
 }
 
 /// Products of the columns of the effects chosen, the gap and the columns of a discrepancy.
-struct Sets<'a> {
+pub(super) struct Sets<'a> {
     selection: &'a Selection,
     library: &'a Library,
     /// First column and number of columns of each effect chosen.
@@ -84,7 +84,7 @@ struct Sets<'a> {
 }
 
 impl<'a> Sets<'a> {
-    fn new(
+    pub(super) fn new(
         problem: &Problem,
         library: &'a Library,
         selection: &'a Selection,
@@ -104,7 +104,7 @@ impl<'a> Sets<'a> {
     }
 
     /// The size of the coefficients and the effects left with the most evidence, where there is more than without a discrepancy.
-    fn most_likely(&self, scales: &[f64]) -> Option<(f64, Vec<usize>)> {
+    pub(super) fn most_likely(&self, scales: &[f64]) -> Option<(f64, Vec<usize>)> {
         let plain = Products::beside(self, None)?;
         let plain = plain.of(self, &(0..self.span.len()).collect::<Vec<_>>());
         let of = |scale: f64| {

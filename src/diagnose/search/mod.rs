@@ -15,6 +15,7 @@ mod problem;
 mod raw_columns;
 mod refine;
 mod rival_comparison;
+mod roughness;
 mod select;
 mod slope_degeneracy;
 #[cfg(test)]
@@ -32,5 +33,6 @@ pub use problem::{Given, Problem};
 pub use raw_columns::{RawColumns, raw_columns};
 pub use refine::{one_response_per_axis, refine};
 pub use rival_comparison::{challenge, one_of_two, one_worn_place};
+pub use roughness::roughness;
 pub use select::{CURVES, Found, SAME_NOISE, SWAP_GAIN, Selection, evidence, threshold};
 pub use variation::Variation;

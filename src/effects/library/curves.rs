@@ -48,9 +48,13 @@ pub(super) fn straightness(data: &Data, of: &Subject) -> Variants {
     data.structural(shapes)
 }
 
-/// Curves without and then with slopes of their own: the line from which a curve is counted is a choice.
+/// Curves without and then with slopes of their own: the line from which a curve is counted is a choice. They span the positions at
+/// which readings look along: over a part of the span their coefficients would be large and cancel each other.
 fn polynomials(data: &Data, along: Axis, over: Axis, degrees: &[usize]) -> Vec<Shape> {
-    let Some([from, to]) = data.range[over.slot()] else { return Vec::new() };
+    let looked_at = &data.looked_at[over.slot()][along.slot()];
+    let Some((from, to)) = looked_at.first().zip(looked_at.last()).filter(|(from, to)| from < to) else {
+        return Vec::new();
+    };
     let (centre_mm, half_mm) = (0.5 * (from + to), 0.5 * (to - from));
     let degrees = data.degrees(over, Some(along), degrees);
     let of = |low: usize| degrees.iter().map(move |high| (low, *high));
