@@ -5,7 +5,7 @@ use super::contributions_um;
 use super::library::{Library, Shape, forms};
 use super::noise::Filter;
 use super::offsets::rms;
-use super::search::{self, LowRank, Problem, Selection, Variation};
+use super::search::{self, LowRank, Problem, Selection, Structure, Variation};
 use super::session::Session;
 
 /// The causes of a problem, from what is chosen on.
@@ -46,7 +46,7 @@ pub(super) fn find_causes(
     problem.prepare(&selection.chosen);
 }
 
-/// Where what the effects leave varies smoothly over the volume, that joins the noise, and causes are looked for again: as the
+/// Where curves are rough, or what the effects leave varies smoothly over the volume, that joins the noise, and causes are looked for again: as the
 /// variation of effects that are not the same everywhere, or as a discrepancy that no effect describes, with variation beside it,
 /// where that says more. `least_um` is the white noise of the best instrument.
 pub(super) fn allow_for_structure(
@@ -57,18 +57,15 @@ pub(super) fn allow_for_structure(
     selection: &mut Selection,
     least_um: f64,
 ) {
+    allow_for_roughness(problem, session, filter, library, selection, least_um);
     let square = problem.y.norm_squared();
-    if std::env::var("ROUGH").is_ok() && allow_for_roughness(problem, session, filter, library, selection, least_um) {
-        allow_for_variation(problem, session, filter, library, selection);
-        return;
-    }
     let found = search::discrepancy(session, filter, problem, library, selection, least_um);
     let before = found.is_some().then(|| Found::of(problem, library, selection, square));
     allow_for_variation(problem, session, filter, library, selection);
     let (Some((found, kept)), Some(before)) = (found, before) else { return };
     let varying = Found::of(problem, library, selection, square);
     before.restore(problem, session, filter, library, selection);
-    problem.join(Some(found), None);
+    problem.join(Structure { discrepancy: Some(found), variation: None, ..problem.structure().clone() });
     problem.prepare(&kept);
     selection.restart(problem, library, &kept);
     find_causes(problem, session, filter, library, selection);
@@ -82,8 +79,8 @@ pub(super) fn allow_for_structure(
     problem.prepare(&selection.chosen);
 }
 
-/// Where curves are rougher than their polynomials, what these leave joins the noise, and causes are looked for again, where that says
-/// more.
+/// Where curves are rougher than their polynomials, what these leave joins the noise, and causes are looked for again. It stays so where
+/// this says more.
 fn allow_for_roughness(
     problem: &mut Problem,
     session: &Session,
@@ -91,24 +88,19 @@ fn allow_for_roughness(
     library: &mut Library,
     selection: &mut Selection,
     least_um: f64,
-) -> bool {
+) {
+    let found = search::roughness(session, filter, problem, library, selection, least_um);
+    let Some((found, kept)) = found else { return };
     let square = problem.y.norm_squared();
-    let Some((found, kept)) = search::roughness(session, filter, problem, library, selection, least_um) else {
-        return false;
-    };
     let before = Found::of(problem, library, selection, square);
-    problem.join(Some(found), None);
+    problem.join(Structure { roughness: Some(found), ..Structure::default() });
     problem.prepare(&kept);
     selection.restart(problem, library, &kept);
     find_causes(problem, session, filter, library, selection);
-    let now = Found::of(problem, library, selection, square);
-    if std::env::var("ROUGH_SAY").is_ok() { let name = |v: &usize| library.labels[library.variants[*v].label].to_string(); eprintln!("evidence {} -> {} {:?}", before.evidence, now.evidence, selection.chosen.iter().map(name).collect::<Vec<_>>()); }
-    if now.evidence < before.evidence + STRONG {
+    if Found::of(problem, library, selection, square).evidence < before.evidence + STRONG {
         before.restore(problem, session, filter, library, selection);
         problem.prepare(&selection.chosen);
-        return false;
     }
-    true
 }
 
 /// Share of the energy of the largest from which effects are asked whether they vary, and the most that are asked.
@@ -169,7 +161,7 @@ fn allow_for_variation(
         let zeros = zeros(session, problem, library, &core, &parts);
         let Some(found) = Variation::find(session, filter, problem, &core, &parts, &zeros, &of) else {
             // beside what was found with the variation before nothing asks for another one
-            problem.vary(best.variation.clone());
+            problem.vary(best.structure.variation.clone());
             break;
         };
         problem.vary(Some(found));
@@ -213,8 +205,7 @@ fn zeros(
 struct Found {
     selection: Selection,
     library: Library,
-    discrepancy: Option<LowRank>,
-    variation: Option<Variation>,
+    structure: Structure,
     /// Twice the logarithm of a likelihood, with all prices.
     evidence: f64,
 }
@@ -222,15 +213,14 @@ struct Found {
 impl Found {
     /// `square` is the sum of squares of the gap without a variation.
     fn of(problem: &mut Problem, library: &Library, selection: &Selection, square: f64) -> Self {
-        let (discrepancy, variation) = (problem.discrepancy().cloned(), problem.variation().cloned());
-        let joined = discrepancy.iter().chain(variation.iter().map(|v| &v.noise));
-        let varies = square - problem.y.norm_squared() - joined.map(LowRank::log_variance).sum::<f64>();
+        let structure = problem.structure().clone();
+        let log_variance: f64 = structure.noises().map(LowRank::log_variance).sum();
+        let varies = square - problem.y.norm_squared() - log_variance;
         Self {
             evidence: selection.evidence(problem, library) + varies,
             selection: selection.clone(),
             library: library.clone(),
-            discrepancy,
-            variation,
+            structure,
         }
     }
 
@@ -242,15 +232,13 @@ impl Found {
         library: &mut Library,
         selection: &mut Selection,
     ) {
-        problem.join(self.discrepancy, None);
+        problem.join(Structure { variation: None, ..self.structure.clone() });
         for (v, (now, then)) in library.variants.iter().zip(&self.library.variants).enumerate() {
             if now.shape != then.shape {
                 problem.replace(session, filter, v, &then.shape);
             }
         }
-        if self.variation.is_some() {
-            problem.vary(self.variation);
-        }
+        problem.join(self.structure);
         (*library, *selection) = (self.library, self.selection);
     }
 }

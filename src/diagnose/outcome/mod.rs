@@ -19,8 +19,9 @@ use super::assessment::assess;
 use super::constants::{HALF, LISTED, LITTLE, NEARLY};
 use super::decision::{Assessed, Evidence, HeldOut, Reason, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
-use super::library::Kind;
+use super::library::{Kind, Shape};
 use super::localise::localise;
+use super::moment::Axis;
 use super::noise::{ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers};
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::{Day, varies_between_days};
@@ -135,18 +136,47 @@ fn day<'a>(
     Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), changing: sum(&changes) }
 }
 
-/// The whitened gap beside what is declared. A discrepancy, and the variation of an effect that is not declared, are no noise.
+/// The whitened gap beside what is declared. A discrepancy, and roughness and variation of an effect that is not declared, are no noise.
 fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
     let given = a.problem.given(keep);
     let beta = a.problem.fit(&given);
     let mut left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
     let is_declared = |label: usize| keep.iter().any(|v| a.library.variants[*v].label == label);
-    let variation = a.problem.variation();
-    variation.iter().for_each(|v| v.noise.turn(left.as_mut_slice(), true));
-    a.problem.discrepancy().iter().for_each(|d| d.turn(left.as_mut_slice(), true));
-    let stays = variation.filter(|v| v.labels().all(is_declared));
-    stays.iter().for_each(|v| v.noise.turn(left.as_mut_slice(), false));
+    let structure = a.problem.structure();
+    structure.noises().rev().for_each(|noise| noise.turn(left.as_mut_slice(), true));
+    let is_of = |curve: (Axis, Axis), v: &usize| is_curve(&a.library.variants[*v].shape, curve);
+    let is_kept = |curve| keep.iter().any(|v| is_of(curve, v));
+    let rough = structure.roughness.as_ref().filter(|r| r.curves().all(is_kept));
+    let varies = structure.variation.as_ref().filter(|v| v.labels().all(is_declared));
+    let stays = rough.map(|r| &r.noise).into_iter().chain(varies.map(|v| &v.noise));
+    stays.for_each(|noise| noise.turn(left.as_mut_slice(), false));
     left.iter().copied().collect()
+}
+
+/// True for a displacement along a direction as a function of the position of an axis.
+fn is_curve(shape: &Shape, (along, over): (Axis, Axis)) -> bool {
+    shape.acts_along() == Some(along) && shape.over() == Some(over)
+}
+
+/// What is said of declared curves that are rougher than their polynomials.
+fn rough(session: &Session, a: &Analysis, assessed: &[Assessed]) -> Option<String> {
+    let roughness = a.problem.structure().roughness.as_ref()?;
+    let given = a.problem.given(&a.selection.chosen);
+    let beta = a.problem.fit(&given);
+    let mut left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
+    a.problem.structure().noises().rev().for_each(|noise| noise.turn(left.as_mut_slice(), true));
+    let is_rough =
+        |x: &&Assessed| roughness.curves().any(|c| is_curve(&a.library.variants[x.variant].shape, c));
+    let curves: Vec<String> =
+        assessed.iter().filter(|x| x.is_declared()).filter(is_rough).map(|x| x.label.to_string()).collect();
+    let size_um = white_rms(session, a) * roughness.noise.mean_square(&left).sqrt();
+    (!curves.is_empty()).then(|| {
+        format!(
+            "roughness: {} differ from their polynomials by {size_um:.2} µm RMS over all readings, and the addition leaves that; \
+             a table at the targets of a test along the axis (`volcomp fit`) takes it out",
+            curves.join(", ")
+        )
+    })
 }
 
 /// RMS of what is structured and has no name, um; `None` in a campaign in which nothing asks for it.
@@ -155,7 +185,7 @@ fn discrepancy_um(session: &Session, a: &Analysis) -> Option<f64> {
         return Some(c.shares.discrepancy_um2.sqrt());
     }
     let left = DVector::from_vec(left_whitened(a, &a.selection.chosen));
-    a.problem.discrepancy().map(|d| white_rms(session, a) * d.mean_square(&left).sqrt())
+    a.problem.structure().discrepancy.as_ref().map(|d| white_rms(session, a) * d.mean_square(&left).sqrt())
 }
 
 /// Everything that the decision is made from.
@@ -306,6 +336,7 @@ pub(super) fn conclude(
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
     notes.extend(varying(a, &assessed));
+    notes.extend(rough(session, a, &assessed));
     notes.extend(subtracted_twice(session, a, rms(&before)));
     let discrepancy_um = discrepancy_um(session, a);
     if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {

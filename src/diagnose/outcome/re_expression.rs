@@ -59,7 +59,7 @@ fn taken_out(session: &mut Session, a: &Analysis, without: &[Without]) -> (Libra
     take_signals(session, &mut removed);
     let white: Vec<f64> = a.noise.iter().map(|c| c.white_um).collect();
     let mut problem = Problem::new(session, &removed, &a.filter, &a.gap, &white);
-    problem.join(a.problem.discrepancy().cloned(), a.problem.variation().cloned());
+    problem.join(a.problem.structure().clone());
     (removed, problem)
 }
 

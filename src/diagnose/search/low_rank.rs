@@ -20,17 +20,18 @@ pub struct LowRank {
 }
 
 impl LowRank {
-    /// The noise of columns whose coefficients are independent with the standard deviation `scale`.
-    pub(super) fn of(columns: &DMatrix<f64>, scale: f64) -> Self {
-        let eigen = SymmetricEigen::new(columns.tr_mul(columns));
-        let size = eigen.eigenvalues.map(|l| l.max(0.0));
-        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * scale * scale > TELLS).collect();
+    /// The noise of columns whose coefficients are independent with standard deviations `sizes`.
+    pub(super) fn of(columns: &DMatrix<f64>, sizes: &[f64]) -> Self {
+        let mut columns = columns.clone();
+        columns.column_iter_mut().zip(sizes).for_each(|(mut column, size)| column *= *size);
+        let eigen = SymmetricEigen::new(columns.tr_mul(&columns));
+        let all = eigen.eigenvalues;
+        let kept: Vec<usize> = (0..all.len()).filter(|k| all[*k] > TELLS).collect();
         let mut basis = columns * eigen.eigenvectors.select_columns(&kept);
         for (mut column, k) in basis.column_iter_mut().zip(&kept) {
-            column /= size[*k].sqrt();
+            column /= all[*k].sqrt();
         }
-        let variance = DVector::from_iterator(kept.len(), kept.iter().map(|k| size[*k] * scale * scale));
-        Self { basis, variance }
+        Self { basis, variance: all.select_rows(&kept) }
     }
 
     /// Logarithm of the determinant of what joins the noise.

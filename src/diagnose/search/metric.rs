@@ -10,9 +10,10 @@ use super::super::library::Shape;
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::beside::Columns;
-use super::low_rank::{Joined, LowRank, product};
+use super::low_rank::{Joined, product};
 use super::problem::{LEAST, Problem};
 use super::raw_columns::raw;
+use super::structure::Structure;
 use super::variation::Variation;
 
 /// Columns and gap, whitened by the filter alone.
@@ -147,32 +148,30 @@ impl Problem {
     /// How far effects vary.
     #[must_use]
     pub const fn variation(&self) -> Option<&Variation> {
-        self.variation.as_ref()
+        self.structure.variation.as_ref()
     }
 
-    /// What varies smoothly over the volume and no effect describes.
+    /// What has joined the noise.
     #[must_use]
-    pub fn discrepancy(&self) -> Option<&LowRank> {
-        self.joined.first().filter(|_| self.has_discrepancy).map(Joined::noise)
+    pub const fn structure(&self) -> &Structure {
+        &self.structure
     }
 
     /// Takes the variation of effects for noise, in the place of the one before.
     pub fn vary(&mut self, variation: Option<Variation>) {
-        let discrepancy = self.discrepancy().cloned();
-        self.join(discrepancy, variation);
+        self.join(Structure { variation, ..self.structure.clone() });
     }
 
-    /// Takes a discrepancy and a variation of effects beside it for noise, in the place of those before.
-    pub fn join(&mut self, discrepancy: Option<LowRank>, variation: Option<Variation>) {
-        let stay = self.discrepancy() == discrepancy.as_ref();
-        self.joined.truncate(usize::from(stay && self.has_discrepancy));
-        self.has_discrepancy = discrepancy.is_some();
-        let new = discrepancy.filter(|_| !stay).into_iter().chain(variation.iter().map(|v| v.noise.clone()));
-        for noise in new {
-            let joined = Joined::new(noise, &self.joined, &self.plain.w, &self.plain.y);
+    /// Takes structure for noise, in the place of that before.
+    pub fn join(&mut self, structure: Structure) {
+        let stay = self.joined.iter().zip(structure.noises()).take_while(|(j, noise)| j.noise() == *noise);
+        let stay = stay.count();
+        self.joined.truncate(stay);
+        for noise in structure.noises().skip(stay) {
+            let joined = Joined::new(noise.clone(), &self.joined, &self.plain.w, &self.plain.y);
             self.joined.push(joined);
         }
-        self.variation = variation;
+        self.structure = structure;
         let mut y = self.plain.y.clone();
         self.turn(y.as_mut_slice());
         self.y = y;
@@ -199,7 +198,7 @@ impl Problem {
     /// The same without the variation of effects.
     pub(super) fn whiten_beside(&self, filter: &Filter, data: &mut [f64], width: usize) {
         filter.apply(data, width);
-        self.discrepancy().iter().for_each(|d| d.turn(data, false));
+        self.structure.lasting().for_each(|noise| noise.turn(data, false));
     }
 
     /// What the columns contribute to every row.
@@ -217,6 +216,7 @@ impl Problem {
 #[cfg(test)]
 mod tests {
     use super::super::super::noise::Random;
+    use super::super::low_rank::LowRank;
     use super::*;
 
     const N: usize = 60;
@@ -229,12 +229,16 @@ mod tests {
             [1, 3, 2].iter().map(|k| (0..*k).map(|_| column()).collect()).collect();
         let y = column();
         let mut noise = |n: usize| {
-            LowRank::of(&DMatrix::from_columns(&(0..n).map(|_| column()).collect::<Vec<_>>()), 0.4)
+            LowRank::of(&DMatrix::from_columns(&(0..n).map(|_| column()).collect::<Vec<_>>()), &vec![0.4; n])
         };
         let (first, second) = (noise(4), noise(3));
         let mut problem = Problem::made_up(&effects, y.clone());
         problem.prepare(&[1]);
-        problem.join(Some(first.clone()), Some(Variation::made_up(second.clone())));
+        problem.join(Structure {
+            discrepancy: Some(first.clone()),
+            variation: Some(Variation::made_up(second.clone())),
+            ..Structure::default()
+        });
         problem.prepare(&[1, 2]);
         let turned = |v: &DVector<f64>| {
             let mut v = v.clone();
@@ -258,7 +262,7 @@ mod tests {
         let products = problem.products(&DMatrix::from_column_slice(N, 1, other.as_slice()));
         columns.iter().enumerate().for_each(|(c, column)| close(products[(c, 0)], column.dot(&other)));
         // without it everything is as before
-        problem.join(None, None);
+        problem.join(Structure::default());
         problem.prepare(&[1]);
         close(problem.cross[&1][(0, 0)], effects[0][0].normalize().dot(&effects[1][0].normalize()));
         close(problem.b[5], effects[2][1].normalize().dot(&y));

@@ -16,7 +16,7 @@ use super::low_rank::Joined;
 use super::metric::Plain;
 use super::pivoted_cholesky::{Factor, Rest, dot};
 use super::raw_columns::{RawColumns, raw_columns};
-use super::variation::Variation;
+use super::structure::Structure;
 
 /// Fewest readings that one processor takes at a time, and most parts into which they are divided: each has sums of its own.
 const ROWS: usize = 512;
@@ -32,7 +32,7 @@ pub struct Problem {
     pub y: DVector<f64>,
     /// Columns and gap before noise of low rank joined.
     pub(super) plain: Plain,
-    /// Noise of low rank, in the order in which it joined: a discrepancy, the variation of effects.
+    /// Its noise, in the order in which it joined.
     pub(super) joined: Vec<Joined>,
     /// By what a column is multiplied for unit length; 0 of one that is taken for none.
     pub(super) unit: Vec<f64>,
@@ -58,10 +58,8 @@ pub struct Problem {
     pub blocks: usize,
     /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
     pub precise: bool,
-    /// What varies smoothly over the volume and no effect describes has joined, first.
-    pub(super) has_discrepancy: bool,
-    /// How far effects vary over the volume; its noise has joined last.
-    pub(super) variation: Option<Variation>,
+    /// What has joined the noise.
+    pub(super) structure: Structure,
     /// Products of the columns of a variant with all columns, computed when first needed.
     pub(super) cross: BTreeMap<usize, DMatrix<f64>>,
 }
@@ -145,8 +143,7 @@ impl Problem {
             block: vec![0; n],
             blocks: 1,
             precise: false,
-            has_discrepancy: false,
-            variation: None,
+            structure: Structure::default(),
             cross: BTreeMap::new(),
         };
         problem.measure_all();

@@ -1,50 +1,86 @@
-//! Roughness: what a curve over the position of an axis is beyond its polynomial. The errors of a screw or a scale add up along it, so
-//! that none is smooth, and what the polynomial leaves must pass for no further effect of other programs or positions.
+//! Roughness: what a curve over the position of an axis is beyond its polynomial. The errors of a screw, a scale or a guideway add up
+//! along it, so that few are smooth, and what the polynomial leaves at the positions of one program must not pass for effects of others.
 //!
-//! Each straightness or positioning error chosen has, beside its polynomial, the waves of a random walk along its axis: amplitudes that
-//! fall with the wave number (Karhunen-Loeve), normal coefficients of a common size. Sizes, and with each of them the effects that are
-//! left of those chosen, are compared as models, as those of a discrepancy are ([`super::discrepancy`]).
+//! Beside its polynomial each positioning or straightness error has the waves of a random walk along its axis: amplitudes that fall with
+//! the wave number (Karhunen-Loeve), normal coefficients, a size for each curve. Sizes, and with them the effects that are left of those
+//! chosen, are compared as models ([`super::size_comparison`]). Source: `docs/explanation/diagnosis.md` (roughness).
 
 use core::f64::consts::PI;
 
 use nalgebra::DMatrix;
 
+use super::super::constants::{ROUNDS, STRONG};
 use super::super::library::Library;
 use super::super::moment::{Axis, Moment};
 use super::super::noise::Filter;
 use super::super::session::Session;
-use super::discrepancy::{SCALES, Sets};
+use super::discrepancy::SCALES;
 use super::low_rank::LowRank;
 use super::problem::Problem;
 use super::select::Selection;
+use super::size_comparison::{Sets, Sized};
 
-/// Waves of half the travel and its parts down to a fortieth.
+/// Waves of a curve: from twice the way of its axis to a twentieth of it.
 const WAVES: usize = 40;
+/// Factors of the size of one curve that are tried beside those of the others.
+const FACTORS: [f64; 2] = [0.5, 2.0];
 
-/// A displacement along a direction as a function of the position of an axis, the variant that describes it, and the middle and half of
-/// the way of the axis, mm.
+/// Roughness of some curves.
+#[derive(Debug, Clone)]
+pub struct Roughness {
+    /// What joins the noise.
+    pub(crate) noise: LowRank,
+    /// The curves that are rough.
+    curves: Vec<Curve>,
+}
+
+impl Roughness {
+    /// Direction and axis of every curve that is rough.
+    pub fn curves(&self) -> impl Iterator<Item = (Axis, Axis)> {
+        self.curves.iter().map(|c| (c.along, c.over))
+    }
+}
+
+/// A displacement along a direction as a function of the position of an axis, and the middle and half of the way of the axis, mm.
+#[derive(Debug, Clone, PartialEq)]
 struct Curve {
     along: Axis,
     over: Axis,
-    variant: usize,
     middle_mm: f64,
     half_mm: f64,
+    /// The variants that describe it as a whole.
+    variants: Vec<usize>,
 }
 
+/// The curves over positions of linear axes among some variants.
 fn curves(session: &Session, problem: &Problem, library: &Library, chosen: &[usize]) -> Vec<Curve> {
-    let of = |variant: &usize| {
+    let mut all: Vec<Curve> = Vec::new();
+    for variant in chosen {
         let shape = &library.variants[*variant].shape;
-        let (along, over) = shape.acts_along().zip(shape.over()).filter(|_| shape.is_free_curve())?;
-        let (middle_mm, half_mm) = problem.way(session, over).filter(|_| over.is_linear())?;
-        Some(Curve { along, over, variant: *variant, middle_mm, half_mm })
-    };
-    chosen.iter().filter_map(of).collect()
+        let Some((along, over)) = shape.acts_along().zip(shape.over()).filter(|_| shape.is_free_curve())
+        else {
+            continue;
+        };
+        let Some((middle_mm, half_mm)) = problem.way(session, over).filter(|_| over.is_linear()) else {
+            continue;
+        };
+        let at = all.iter().position(|c| c.along == along && c.over == over).unwrap_or_else(|| {
+            all.push(Curve { along, over, middle_mm, half_mm, variants: Vec::new() });
+            all.len() - 1
+        });
+        // a periodic error or a worn place must say more than a rough curve would by chance
+        if ["positioning", "straightness"].contains(&library.labels[library.variants[*variant].label].effect)
+        {
+            all[at].variants.push(*variant);
+        }
+    }
+    all
 }
 
-/// Whitened waves of every curve, each beside what its own variant says.
+/// Whitened waves of every curve, beside what its own variants say: as large as the curve would be, RMS over the way, at size 1 um.
 fn waves(session: &Session, filter: &Filter, problem: &Problem, curves: &[Curve]) -> DMatrix<f64> {
     let width = curves.len() * WAVES;
-    let square: f64 = (1..=WAVES).map(|h| 0.5 / (h * h) as f64).sum();
+    let mean_square: f64 = (1..=WAVES).map(|h| 0.5 / (h * h) as f64).sum();
     let sees = |m: &Moment| !m.is_angular() && !m.is_encoder;
     let mut data = vec![0.0; problem.rows.len() * width];
     for (row, i) in data.chunks_exact_mut(width).zip(&problem.rows) {
@@ -52,15 +88,15 @@ fn waves(session: &Session, filter: &Filter, problem: &Problem, curves: &[Curve]
         for (c, to) in curves.iter().zip(row.chunks_exact_mut(WAVES)).filter(|_| sees(m)) {
             let at = 0.5 * ((m.position[c.over.slot()] - c.middle_mm) / c.half_mm + 1.0);
             for (h, v) in (1..=WAVES).zip(to) {
-                *v = m.u[c.along.slot()] * (PI * h as f64 * at).cos() / (h as f64 * square.sqrt());
+                *v = m.u[c.along.slot()] * (PI * h as f64 * at).cos() / (h as f64 * mean_square.sqrt());
             }
         }
     }
     problem.whiten(filter, &mut data, width);
     let mut waves = DMatrix::from_row_slice(problem.rows.len(), width, &data);
-    for (k, c) in curves.iter().enumerate() {
+    for (k, curve) in curves.iter().enumerate() {
         let own = waves.columns(k * WAVES, WAVES).into_owned();
-        let rest = problem.beside(&problem.given(&[c.variant]), &own);
+        let rest = problem.beside(&problem.given(&curve.variants), &own);
         waves.columns_mut(k * WAVES, WAVES).copy_from(&rest);
     }
     waves
@@ -76,19 +112,40 @@ pub fn roughness(
     library: &Library,
     selection: &Selection,
     least_um: f64,
-) -> Option<(LowRank, Vec<usize>)> {
-    let curves = curves(session, problem, library, &selection.chosen);
+) -> Option<(Roughness, Vec<usize>)> {
+    let mut curves = curves(session, problem, library, &selection.chosen);
     if curves.is_empty() {
         return None;
     }
     let waves = waves(session, filter, problem, &curves);
-    let scales = SCALES.map(|s| s * least_um);
-    let (scale, kept) = Sets::new(problem, library, selection, &waves).most_likely(&scales)?;
-    if std::env::var("ROUGH_SAY").is_ok() {
-        let name = |v: &usize| library.labels[library.variants[*v].label].to_string();
-        eprintln!("rough {scale} um of {least_um}: curves {:?} chosen {:?} kept {:?}",
-            curves.iter().map(|c| name(&c.variant)).collect::<Vec<_>>(),
-            selection.chosen.iter().map(name).collect::<Vec<_>>(), kept.iter().map(name).collect::<Vec<_>>());
+    let sets = Sets::new(problem, library, selection, &waves);
+    let found = one_by_one(&sets, sets.most_likely(&SCALES.map(|s| s * least_um))?);
+    let kept = sets.kept(&found)?;
+    let noise = LowRank::of(&waves, &found.sizes);
+    let mut sizes = found.sizes.chunks(WAVES);
+    curves.retain(|_| sizes.next().is_some_and(|s| s[0] > 0.0));
+    Some((Roughness { noise, curves }, kept))
+}
+
+/// Sizes of single curves: twice or half as large where that says more, none where its own says little.
+fn one_by_one(sets: &Sets<'_>, start: Sized) -> Sized {
+    let mut best = start;
+    for _ in 0..ROUNDS {
+        let before = best.evidence;
+        for at in (0..best.sizes.len()).step_by(WAVES) {
+            let with = |factor: f64, best: &Sized| {
+                let mut sizes = best.sizes.clone();
+                sizes[at..at + WAVES].iter_mut().for_each(|s| *s *= factor);
+                sets.under(sizes)
+            };
+            for factor in FACTORS {
+                best = with(factor, &best).filter(|other| other.evidence > best.evidence).unwrap_or(best);
+            }
+            best = with(0.0, &best).filter(|none| none.evidence > best.evidence - STRONG).unwrap_or(best);
+        }
+        if best.evidence <= before {
+            break;
+        }
     }
-    Some((LowRank::of(&waves, scale), kept))
+    best
 }

@@ -83,7 +83,7 @@ impl Variation {
         }
         let left = Left::new(problem, chosen, &products);
         let share = left.most_likely()?;
-        let noise = LowRank::of(&products, share);
+        let noise = LowRank::of(&products, &vec![share; products.ncols()]);
         let size_of = |degrees: &Vec<usize>| DEGREES[degrees.iter().sum::<usize>() - 1];
         let coefficients = left.terms(share);
         let single = left.single(&coefficients, powers.len());
