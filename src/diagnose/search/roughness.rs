@@ -20,8 +20,8 @@ use super::problem::Problem;
 use super::select::Selection;
 use super::size_comparison::{Sets, Sized};
 
-/// Waves of a curve: from twice the way of its axis to a twentieth of it.
-const WAVES: usize = 40;
+/// Waves of a curve: from twice the way of its axis to a fortieth of it; what is finer is 9 % of a random walk.
+const WAVES: usize = 80;
 /// Factors of the size of one curve that are tried beside those of the others.
 const FACTORS: [f64; 2] = [0.5, 2.0];
 
@@ -148,4 +148,62 @@ fn one_by_one(sets: &Sets<'_>, start: Sized) -> Sized {
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+
+    use super::super::super::library::{Kind, Label, Shape, Variant, forms};
+    use super::super::super::noise::Random;
+    use super::*;
+
+    const N: usize = 200;
+
+    /// Two axes, the readings of one after those of the other; a line over each is an effect. A random walk of so many standard deviations
+    /// of the noise along the first.
+    fn sizes(walk: f64) -> Option<Vec<f64>> {
+        let mut random = Random::new(7);
+        let at = |i: usize| (i % N) as f64 / (N - 1) as f64;
+        let own = |axis: usize, f: &dyn Fn(f64) -> f64| {
+            DVector::from_fn(2 * N, |i, _| if i / N == axis { f(at(i)) } else { 0.0 })
+        };
+        let effects: Vec<Vec<DVector<f64>>> = (0..2).map(|axis| vec![own(axis, &|x| x - 0.5)]).collect();
+        let waves = (0..2).flat_map(|axis| (1..=WAVES).map(move |h| (axis, h as f64)));
+        let waves = waves.map(|(axis, h)| own(axis, &|x| (PI * h * x).cos() / h));
+        let waves = DMatrix::from_columns(&waves.collect::<Vec<_>>());
+        let mut y = DVector::from_fn(2 * N, |_, _| random.normal());
+        for axis in 0..2 {
+            y.axpy(40.0, &effects[axis][0], 1.0);
+        }
+        let coefficients =
+            DVector::from_fn(2 * WAVES, |k, _| if k < WAVES { walk * random.normal() } else { 0.0 });
+        y += &waves * coefficients;
+        let variants =
+            (0..2).map(|label| Variant { label, shape: Shape::Scale(forms::Scale { axis: Axis::X }) });
+        let library = Library {
+            labels: ["x", "y"].map(|axis| Label::new("scale", axis)).to_vec(),
+            kinds: vec![Kind::Machine; 2],
+            variants: variants.collect(),
+            ..Library::default()
+        };
+        let selection =
+            Selection { chosen: vec![0, 1], threshold: 10.0, grid: vec![1; 2], ..Selection::default() };
+        let problem = Problem::made_up(&effects, y);
+        let sets = Sets::new(&problem, &library, &selection, &waves);
+        let found = one_by_one(&sets, sets.most_likely(&SCALES)?);
+        assert_eq!(sets.kept(&found).unwrap_or_default(), if walk > 0.0 { vec![0, 1] } else { Vec::new() });
+        sets.kept(&found).map(|_| found.sizes.chunks(WAVES).map(|s| s[0]).collect())
+    }
+
+    #[test]
+    fn a_rough_curve_has_a_size_of_its_own_and_a_smooth_one_has_none() {
+        let sizes = sizes(5.0).unwrap();
+        assert!((2.0..12.0).contains(&sizes[0]) && sizes[1] == 0.0, "{sizes:?}");
+    }
+
+    #[test]
+    fn smooth_curves_ask_for_no_roughness() {
+        assert_eq!(sizes(0.0), None);
+    }
 }
