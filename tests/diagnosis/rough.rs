@@ -195,7 +195,10 @@ fn what_a_polynomial_leaves_of_a_rough_curve_is_no_effect_of_its_own() {
         );
         assert_ne!(report["verdict"], "unexplained", "seed {seed}");
         let notes = report["notes"].to_string();
-        assert!(notes.contains("roughness: ") && notes.contains("polynomials"), "seed {seed}: {notes}");
+        assert!(
+            notes.contains("roughness of ") && notes.contains("beyond the polynomial"),
+            "seed {seed}: {notes}"
+        );
     }
 }
 

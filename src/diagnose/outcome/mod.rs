@@ -9,19 +9,17 @@ mod fitted;
 mod misform;
 mod re_expression;
 mod rejection_text;
+mod structured;
 mod unexplained;
 mod views;
-
-use nalgebra::DVector;
 
 use super::addition::Addition;
 use super::assessment::assess;
 use super::constants::{HALF, LISTED, LITTLE, NEARLY};
 use super::decision::{Assessed, Evidence, HeldOut, Reason, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
-use super::library::{Kind, Shape};
+use super::library::Kind;
 use super::localise::localise;
-use super::moment::Axis;
 use super::noise::{ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers};
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::{Day, varies_between_days};
@@ -136,58 +134,6 @@ fn day<'a>(
     Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), changing: sum(&changes) }
 }
 
-/// The whitened gap beside what is declared. A discrepancy, and roughness and variation of an effect that is not declared, are no noise.
-fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
-    let given = a.problem.given(keep);
-    let beta = a.problem.fit(&given);
-    let mut left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
-    let is_declared = |label: usize| keep.iter().any(|v| a.library.variants[*v].label == label);
-    let structure = a.problem.structure();
-    structure.noises().rev().for_each(|noise| noise.turn(left.as_mut_slice(), true));
-    let is_of = |curve: (Axis, Axis), v: &usize| is_curve(&a.library.variants[*v].shape, curve);
-    let is_kept = |curve| keep.iter().any(|v| is_of(curve, v));
-    let rough = structure.roughness.as_ref().filter(|r| r.curves().all(is_kept));
-    let varies = structure.variation.as_ref().filter(|v| v.labels().all(is_declared));
-    let stays = rough.map(|r| &r.noise).into_iter().chain(varies.map(|v| &v.noise));
-    stays.for_each(|noise| noise.turn(left.as_mut_slice(), false));
-    left.iter().copied().collect()
-}
-
-/// True for a displacement along a direction as a function of the position of an axis.
-fn is_curve(shape: &Shape, (along, over): (Axis, Axis)) -> bool {
-    shape.acts_along() == Some(along) && shape.over() == Some(over)
-}
-
-/// What is said of declared curves that are rougher than their polynomials.
-fn rough(session: &Session, a: &Analysis, assessed: &[Assessed]) -> Option<String> {
-    let roughness = a.problem.structure().roughness.as_ref()?;
-    let given = a.problem.given(&a.selection.chosen);
-    let beta = a.problem.fit(&given);
-    let mut left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
-    a.problem.structure().noises().rev().for_each(|noise| noise.turn(left.as_mut_slice(), true));
-    let is_rough =
-        |x: &&Assessed| roughness.curves().any(|c| is_curve(&a.library.variants[x.variant].shape, c));
-    let curves: Vec<String> =
-        assessed.iter().filter(|x| x.is_declared()).filter(is_rough).map(|x| x.label.to_string()).collect();
-    let size_um = white_rms(session, a) * roughness.noise.mean_square(&left).sqrt();
-    (!curves.is_empty()).then(|| {
-        format!(
-            "roughness: {} differ from their polynomials by {size_um:.2} µm RMS over all readings, and the addition leaves that; \
-             a table at the targets of a test along the axis (`volcomp fit`) takes it out",
-            curves.join(", ")
-        )
-    })
-}
-
-/// RMS of what is structured and has no name, um; `None` in a campaign in which nothing asks for it.
-fn discrepancy_um(session: &Session, a: &Analysis) -> Option<f64> {
-    if let Some(c) = &a.comparison {
-        return Some(c.shares.discrepancy_um2.sqrt());
-    }
-    let left = DVector::from_vec(left_whitened(a, &a.selection.chosen));
-    a.problem.structure().discrepancy.as_ref().map(|d| white_rms(session, a) * d.mean_square(&left).sqrt())
-}
-
 /// Everything that the decision is made from.
 fn evidence(session: &Session, a: &Analysis, parts: &Contributions, owner: &[usize]) -> Vec<Evidence> {
     let mut all = assess(&a.problem, &a.library, &a.selection);
@@ -257,7 +203,8 @@ pub(super) fn conclude(
     let chosen = without_offsets(session, &minus(&a.gap, &parts.held_out, |_| true), &a.used);
     let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
-    let left = left_whitened(a, &keep);
+    let rough_um = structured::unnamed_roughness_um(session, a, &keep, [rms(&before), rms(&after)]);
+    let left = structured::left_whitened(a, &keep, rough_um.is_some());
     let y = a.filter.column(&a.gap);
     let total = structure(session, &a.problem, &y);
     let leftover = structure(session, &a.problem, &left);
@@ -312,7 +259,7 @@ pub(super) fn conclude(
             a,
             &assessed,
             &left,
-            (&total, &leftover),
+            (&total, &leftover, rough_um),
             (shrink.rms_before_um, shrink.rms_after_um),
         ),
     };
@@ -335,10 +282,9 @@ pub(super) fn conclude(
     }
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
-    notes.extend(varying(a, &assessed));
-    notes.extend(rough(session, a, &assessed));
+    notes.extend(structured::notes(session, a, &assessed));
     notes.extend(subtracted_twice(session, a, rms(&before)));
-    let discrepancy_um = discrepancy_um(session, a);
+    let discrepancy_um = structured::discrepancy_um(session, a);
     if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {
         notes.push(format!(
             "discrepancy: smooth structure over the volume that no effect of the library describes, {size_um:.2} µm RMS; it counts as \
@@ -451,25 +397,6 @@ fn subtracted_twice(session: &Session, a: &Analysis, gap_um: f64) -> Option<Stri
             "the deviations ({read_um:.2} µm RMS) are smaller than their gap to the model ({gap_um:.2} µm): was the model at work while they were measured? then diagnose with its geometry alone, without [errors] and [thermal]"
         )
     })
-}
-
-/// What is said of declared effects that are not the same everywhere.
-fn varying(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
-    let Some(variation) = a.problem.variation() else { return Vec::new() };
-    let of = |x: &Assessed| {
-        let varying = variation.of(a.library.variants[x.variant].label)?;
-        Some((x.label.clone(), varying.rms))
-    };
-    let declared = assessed.iter().filter(|x| x.is_declared());
-    declared
-        .filter_map(of)
-        .map(|(label, rms)| {
-            let percent = 100.0 * rms;
-            format!(
-                "{label} varies by {percent:.0} % (RMS) over the volume: its addition is the same everywhere and leaves that much of it"
-            )
-        })
-        .collect()
 }
 
 /// RMS of the white noise over the readings used, um.

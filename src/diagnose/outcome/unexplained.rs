@@ -21,7 +21,7 @@ pub(super) fn unexplained(
     a: &Analysis,
     assessed: &[Assessed],
     left: &[f64],
-    (total, leftover): (&Structure, &Structure),
+    (total, leftover, rough_um): (&Structure, &Structure, Option<f64>),
     (before_um, after_um): (f64, f64),
 ) -> Unexplained {
     let white = white_rms(session, a);
@@ -35,11 +35,15 @@ pub(super) fn unexplained(
     let proxies: Vec<&Assessed> = assessed.iter().filter(|x| !x.is_declared()).collect();
     let proxy = proxies.iter().map(|x| x.found.gain).sum::<f64>() / a.problem.len() as f64;
     let by_proxy = proxy.sqrt() > PROXY;
-    let significant = structured || by_proxy || !drifting.is_empty();
+    let significant = structured || by_proxy || rough_um.is_some() || !drifting.is_empty();
     let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
-    let mut places =
-        if structured || by_proxy { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
-    let variance = leftover.variance.max(if by_proxy { proxy } else { 0.0 }).max(0.0);
+    let mut places = if structured || by_proxy || rough_um.is_some() {
+        localise(session, &a.problem, &whiten, left)
+    } else {
+        Vec::new()
+    };
+    let of_roughness = rough_um.map_or(0.0, |rough_um| (rough_um / white).powi(2));
+    let variance = leftover.variance.max(if by_proxy { proxy } else { 0.0 }).max(of_roughness);
     let drift = drifting.iter().map(|c| a.noise[*c].drift_um).fold(0.0, f64::max);
     // a drift that wanders further than its setups last shows less than its size: no more is left than there is
     let beyond_noise = |rms_um: f64| (rms_um * rms_um - white * white).max(0.0);

@@ -52,27 +52,36 @@ struct Curve {
     variants: Vec<usize>,
 }
 
-/// The curves over positions of linear axes among some variants.
-fn curves(session: &Session, problem: &Problem, library: &Library, chosen: &[usize]) -> Vec<Curve> {
+/// The curves over positions of linear axes among the effects chosen. Of one that a periodic error or a worn place stands for, that must
+/// say more than a rough curve would by chance: the polynomial that says most of the gap describes it.
+fn curves(session: &Session, problem: &Problem, library: &Library, selection: &Selection) -> Vec<Curve> {
+    let name = |v: &usize| library.labels[library.variants[*v].label].effect;
+    let is_whole = |v: &usize| ["positioning", "straightness"].contains(&name(v));
+    let alone = problem.given(&[]);
     let mut all: Vec<Curve> = Vec::new();
-    for variant in chosen {
+    for variant in &selection.chosen {
         let shape = &library.variants[*variant].shape;
         let Some((along, over)) = shape.acts_along().zip(shape.over()).filter(|_| shape.is_free_curve())
         else {
             continue;
         };
-        let Some((middle_mm, half_mm)) = problem.way(session, over).filter(|_| over.is_linear()) else {
+        let is_same = |v: &usize| {
+            let other = &library.variants[*v].shape;
+            is_whole(v) && other.acts_along() == Some(along) && other.over() == Some(over)
+        };
+        let way = problem.way(session, over).filter(|_| over.is_linear());
+        let Some((middle_mm, half_mm)) =
+            way.filter(|_| !all.iter().any(|c| c.along == along && c.over == over))
+        else {
             continue;
         };
-        let at = all.iter().position(|c| c.along == along && c.over == over).unwrap_or_else(|| {
-            all.push(Curve { along, over, middle_mm, half_mm, variants: Vec::new() });
-            all.len() - 1
-        });
-        // a periodic error or a worn place must say more than a rough curve would by chance
-        if ["positioning", "straightness"].contains(&library.labels[library.variants[*variant].label].effect)
-        {
-            all[at].variants.push(*variant);
+        let mut variants: Vec<usize> = selection.chosen.iter().copied().filter(is_same).collect();
+        if variants.is_empty() {
+            let brings = |v: &usize| selection.brings(library, *v, problem.gain(&alone, *v)).evidence;
+            let others = (0..library.variants.len()).filter(is_same);
+            variants.extend(others.max_by(|a, b| brings(a).total_cmp(&brings(b))));
         }
+        all.push(Curve { along, over, middle_mm, half_mm, variants });
     }
     all
 }
@@ -102,21 +111,22 @@ fn waves(session: &Session, filter: &Filter, problem: &Problem, curves: &[Curve]
     waves
 }
 
-/// The roughness that, with those of the effects chosen (prepared) that it leaves (returned with it), says more than all of them without
+/// The roughness that, with those of the effects chosen that it leaves (returned with it), says more than all of them without
 /// one; `None` where there is no such. `least_um` is the white noise of the best instrument.
 #[must_use]
 pub fn roughness(
     session: &Session,
     filter: &Filter,
-    problem: &Problem,
+    problem: &mut Problem,
     library: &Library,
     selection: &Selection,
     least_um: f64,
 ) -> Option<(Roughness, Vec<usize>)> {
-    let mut curves = curves(session, problem, library, &selection.chosen);
+    let mut curves = curves(session, problem, library, selection);
     if curves.is_empty() {
         return None;
     }
+    problem.prepare(&curves.iter().flat_map(|c| c.variants.iter().copied()).collect::<Vec<_>>());
     let waves = waves(session, filter, problem, &curves);
     let sets = Sets::new(problem, library, selection, &waves);
     let found = one_by_one(&sets, sets.most_likely(&SCALES.map(|s| s * least_um))?);
