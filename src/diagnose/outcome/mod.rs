@@ -282,7 +282,8 @@ pub(super) fn conclude(
     }
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
-    notes.extend(structured::notes(session, a, &assessed));
+    notes.extend(structured::notes(a, &assessed));
+    notes.extend(structured::rough(session, a, &keep).filter(|_| rough_um.is_none()));
     notes.extend(subtracted_twice(session, a, rms(&before)));
     let discrepancy_um = structured::discrepancy_um(session, a);
     if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {

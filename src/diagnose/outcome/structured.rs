@@ -77,23 +77,23 @@ pub(super) fn discrepancy_um(session: &Session, a: &Analysis) -> Option<f64> {
     Some(discrepancy.rms(&beside(a, &a.selection.chosen), &white_um(session, a)))
 }
 
-/// What is said of declared effects that are not the same everywhere, and of curves that are rough.
-pub(super) fn notes(session: &Session, a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
-    let declared: Vec<&Assessed> = assessed.iter().filter(|x| x.is_declared()).collect();
-    let mut all: Vec<String> = declared.iter().filter_map(|x| varies(a, x)).collect();
-    let keep: Vec<usize> = declared.iter().map(|x| x.variant).collect();
-    if let Some(roughness) = roughness(a, &keep) {
-        let rough_um = roughness.noise.rms(&beside(a, &keep), &white_um(session, a));
-        let is_rough =
-            |x: &&&Assessed| roughness.curves().any(|c| is_curve(&a.library.variants[x.variant].shape, c));
-        let curves: Vec<String> = declared.iter().filter(is_rough).map(|x| x.label.to_string()).collect();
-        all.push(format!(
-            "roughness of {}: {rough_um:.2} µm RMS over all readings beyond the polynomial, which the addition leaves; a table at the \
-             targets of a test along the axis (`volcomp fit`) takes it out",
-            curves.join(", ")
-        ));
-    }
-    all
+/// What is said of declared effects that are not the same everywhere.
+pub(super) fn notes(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
+    assessed.iter().filter(|x| x.is_declared()).filter_map(|x| varies(a, x)).collect()
+}
+
+/// What is said of declared curves whose roughness has their name.
+pub(super) fn rough(session: &Session, a: &Analysis, keep: &[usize]) -> Option<String> {
+    let roughness = roughness(a, keep)?;
+    let rough_um = roughness.noise.rms(&beside(a, keep), &white_um(session, a));
+    let is_rough = |v: &&usize| roughness.curves().any(|c| is_curve(&a.library.variants[**v].shape, c));
+    let label = |v: &usize| a.library.labels[a.library.variants[*v].label].to_string();
+    let curves: Vec<String> = keep.iter().filter(is_rough).map(label).collect();
+    Some(format!(
+        "roughness of {}: {rough_um:.2} µm RMS over all readings beyond the polynomial, which the addition leaves; a table at the \
+         targets of a test along the axis (`volcomp fit`) takes it out",
+        curves.join(", ")
+    ))
 }
 
 fn varies(a: &Analysis, x: &Assessed) -> Option<String> {

@@ -63,7 +63,7 @@ pub(super) fn unexplained(
         rms_um,
         share,
         z: leftover.z,
-        looks_like: looks_like(session, a, &places, &proxies, &drifting, significant),
+        looks_like: looks_like(session, a, (&places, rough_um), &proxies, &drifting, significant),
         places,
         is_pointwise: false,
     }
@@ -112,7 +112,7 @@ pub(super) fn drift(session: &Session, a: &Analysis) -> Option<Cause> {
 fn looks_like(
     session: &Session,
     a: &Analysis,
-    places: &[Place],
+    (places, rough_um): (&[Place], Option<f64>),
     proxies: &[&Assessed],
     drifting: &[usize],
     significant: bool,
@@ -129,6 +129,9 @@ fn looks_like(
         .collect();
     if !factors.is_empty() {
         words.push(format!("it goes with {}", factors.join(", with ")));
+    }
+    if let Some(rough_um) = rough_um {
+        words.push(format!("{rough_um:.2} µm RMS are rough functions of the position of single axes"));
     }
     for x in proxies {
         words.push(format!("resembles {}, but {}", x.label, remark(x)));
