@@ -183,9 +183,7 @@ mod tests {
         let waves = waves.map(|(axis, h)| own(axis, &|x| (PI * h * x).cos() / h));
         let waves = DMatrix::from_columns(&waves.collect::<Vec<_>>());
         let mut y = DVector::from_fn(2 * N, |_, _| random.normal());
-        for axis in 0..2 {
-            y.axpy(40.0, &effects[axis][0], 1.0);
-        }
+        effects.iter().flatten().for_each(|line| y.axpy(40.0, line, 1.0));
         let coefficients =
             DVector::from_fn(2 * WAVES, |k, _| if k < WAVES { walk * random.normal() } else { 0.0 });
         y += &waves * coefficients;
