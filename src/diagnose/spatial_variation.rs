@@ -1,4 +1,4 @@
-//! The search for causes, and the same again where effects are not the same everywhere.
+//! The search for causes, and the same again where curves are rough or effects are not the same everywhere.
 
 use super::constants::{LITTLE, STRONG, TRIED};
 use super::contributions_um;
@@ -46,9 +46,9 @@ pub(super) fn find_causes(
     problem.prepare(&selection.chosen);
 }
 
-/// Where curves are rough, or what the effects leave varies smoothly over the volume, that joins the noise, and causes are looked for again: as the
-/// variation of effects that are not the same everywhere, or as a discrepancy that no effect describes, with variation beside it,
-/// where that says more. `least_um` is the white noise of the best instrument.
+/// Where structure of the gap says more than the effects found without it, that joins the noise, and causes are looked for again: the
+/// roughness of curves, then the variation of effects that are not the same everywhere, or a discrepancy that no effect describes, with
+/// variation beside it. `least_um` is the white noise of the best instrument.
 pub(super) fn allow_for_structure(
     problem: &mut Problem,
     session: &Session,
@@ -211,7 +211,7 @@ struct Found {
 }
 
 impl Found {
-    /// `square` is the sum of squares of the gap without a variation.
+    /// `square` is the sum of squares of the gap without the structure that is compared.
     fn of(problem: &mut Problem, library: &Library, selection: &Selection, square: f64) -> Self {
         let structure = problem.structure().clone();
         let log_variance: f64 = structure.noises().map(LowRank::log_variance).sum();
@@ -238,7 +238,9 @@ impl Found {
                 problem.replace(session, filter, v, &then.shape);
             }
         }
-        problem.join(self.structure);
+        if self.structure.variation.is_some() {
+            problem.join(self.structure);
+        }
         (*library, *selection) = (self.library, self.selection);
     }
 }

@@ -204,7 +204,8 @@ pub(super) fn conclude(
     let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
     let rough_um = structured::unnamed_roughness_um(session, a, &keep, [rms(&before), rms(&after)]);
-    let left = structured::left_whitened(a, &keep, rough_um.is_some());
+    let named = structured::named(a, &keep, rough_um.is_some());
+    let left = structured::left_whitened(a, &keep, &named);
     let y = a.filter.column(&a.gap);
     let total = structure(session, &a.problem, &y);
     let leftover = structure(session, &a.problem, &left);
@@ -258,7 +259,7 @@ pub(super) fn conclude(
             session,
             a,
             &assessed,
-            &left,
+            (&left, &named),
             (&total, &leftover, rough_um),
             (shrink.rms_before_um, shrink.rms_after_um),
         ),
@@ -282,8 +283,7 @@ pub(super) fn conclude(
     }
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
-    notes.extend(structured::notes(a, &assessed));
-    notes.extend(structured::rough(session, a, &keep).filter(|_| rough_um.is_none()));
+    notes.extend(structured::notes(session, a, &assessed, (&keep, rough_um.is_some())));
     notes.extend(subtracted_twice(session, a, rms(&before)));
     let discrepancy_um = structured::discrepancy_um(session, a);
     if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {

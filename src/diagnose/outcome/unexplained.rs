@@ -7,20 +7,20 @@ use super::super::library::Kind;
 use super::super::localise::localise;
 use super::super::report::{Cause, Place, Unexplained, Value};
 use super::super::residual_structure::Structure;
+use super::super::search::LowRank;
 use super::super::session::Session;
 use super::rejection_text::remark;
+use super::structured::{PROXY, rough_names};
 use super::white_rms;
 
 /// Least structured variance that is called unexplained: in units of the noise, and as a share of what was there.
 const LEFT_VARIANCE: (f64, f64) = (0.02, 0.012);
-/// RMS of effects that failed a gate, in units of the noise, from which they count as unexplained.
-const PROXY: f64 = 0.15;
 
 pub(super) fn unexplained(
     session: &Session,
     a: &Analysis,
     assessed: &[Assessed],
-    left: &[f64],
+    (left, named): (&[f64], &[&LowRank]),
     (total, leftover, rough_um): (&Structure, &Structure, Option<f64>),
     (before_um, after_um): (f64, f64),
 ) -> Unexplained {
@@ -35,8 +35,12 @@ pub(super) fn unexplained(
     let proxies: Vec<&Assessed> = assessed.iter().filter(|x| !x.is_declared()).collect();
     let proxy = proxies.iter().map(|x| x.found.gain).sum::<f64>() / a.problem.len() as f64;
     let by_proxy = proxy.sqrt() > PROXY;
-    let significant = structured || by_proxy || rough_um.is_some() || !drifting.is_empty();
-    let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
+    let is_structured = structured || by_proxy || rough_um.is_some();
+    let significant = is_structured || !drifting.is_empty();
+    let whiten = |data: &mut [f64], width: usize| {
+        a.filter.apply(data, width);
+        named.iter().for_each(|noise| noise.turn(data, false));
+    };
     let mut places = if structured || by_proxy || rough_um.is_some() {
         localise(session, &a.problem, &whiten, left)
     } else {
@@ -118,7 +122,8 @@ fn looks_like(
     significant: bool,
 ) -> String {
     if !significant {
-        return "nothing above the noise".to_owned();
+        let rough = rough_names(a).map(|curves| format!(" but the roughness of {curves}"));
+        return format!("nothing above the noise{}", rough.unwrap_or_default());
     }
     let mut words = Vec::new();
     let factors: Vec<String> = places
@@ -131,7 +136,9 @@ fn looks_like(
         words.push(format!("it goes with {}", factors.join(", with ")));
     }
     if let Some(rough_um) = rough_um {
-        words.push(format!("{rough_um:.2} µm RMS are rough functions of the position of single axes"));
+        let curves = rough_names(a).unwrap_or_default();
+        words
+            .push(format!("{rough_um:.2} µm RMS of roughness: {curves}, as far as no polynomial follows it"));
     }
     for x in proxies {
         words.push(format!("resembles {}, but {}", x.label, remark(x)));

@@ -15,7 +15,7 @@ use super::select::Selection;
 use super::size_comparison::Sets;
 use super::variation::{DEGREE, DEGREES, Left, powers, products, ways};
 
-/// Standard deviations of the coefficients that are tried, in those of the white noise of the best instrument.
+/// Sizes that are tried, in standard deviations of the white noise of the best instrument.
 pub(super) const SCALES: [f64; 8] = [0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
 
 /// Quantile of chi-square with one degree of freedom: twice the logarithm of the likelihood ratio at the ends of an interval of 95 %.

@@ -40,17 +40,10 @@ impl LowRank {
         self.variance.iter().map(|v| v.ln_1p()).sum()
     }
 
-    /// Posterior RMS of what joined the noise, of what is left beside all effects (not whitened by it); `white` is the size of the white
-    /// noise of each row.
+    /// The product of its covariance with a value per row.
     #[must_use]
-    pub fn rms(&self, left: &DVector<f64>, white: &[f64]) -> f64 {
-        let share = self.variance.map(|v| v / (1.0 + v));
-        let mean = &self.basis * self.basis.tr_mul(left).component_mul(&share);
-        let variance =
-            |i: usize| self.basis.row(i).iter().zip(share.iter()).map(|(b, s)| b * b * s).sum::<f64>();
-        let rows = mean.iter().zip(white).enumerate();
-        let square: f64 = rows.map(|(i, (m, w))| w * w * (m * m + variance(i))).sum();
-        (square / white.len().max(1) as f64).sqrt()
+    pub fn times(&self, rows: &DVector<f64>) -> DVector<f64> {
+        &self.basis * self.basis.tr_mul(rows).component_mul(&self.variance)
     }
 
     fn change(&self, back: bool) -> DVector<f64> {
@@ -172,9 +165,6 @@ mod tests {
         v.turn(column.as_mut_slice(), true);
         assert!((column - &before).norm() < 1e-12);
         assert!((v.log_variance() - 4f64.ln()).abs() < 1e-12);
-        // mean 3/4 of 2, variance 3/4, over three rows
-        assert!((v.rms(&before, &[1.0; 3]).powi(2) - (1.5f64.powi(2) + 0.75) / 3.0).abs() < 1e-12);
-        let first = (0.6f64 * 1.5).powi(2) + 0.36 * 0.75;
-        assert!((v.rms(&before, &[2.0, 0.0, 0.0]).powi(2) - 4.0 * first / 3.0).abs() < 1e-12);
+        assert!((v.times(&before) - DVector::from_column_slice(&[3.6, 4.8, 0.0])).norm() < 1e-12);
     }
 }

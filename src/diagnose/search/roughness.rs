@@ -10,7 +10,7 @@ use core::f64::consts::PI;
 use nalgebra::DMatrix;
 
 use super::super::constants::{ROUNDS, STRONG};
-use super::super::library::Library;
+use super::super::library::{Library, Shape};
 use super::super::moment::{Axis, Moment};
 use super::super::noise::Filter;
 use super::super::session::Session;
@@ -20,7 +20,7 @@ use super::problem::Problem;
 use super::select::Selection;
 use super::size_comparison::{Sets, Sized};
 
-/// Waves of a curve: from twice the way of its axis to a fortieth of it; what is finer is 9 % of a random walk.
+/// Waves of a curve: from twice the way of its axis to a fortieth of it; what is finer has 9 % of the RMS of a random walk.
 const WAVES: usize = 80;
 /// Factors of the size of one curve that are tried beside those of the others.
 const FACTORS: [f64; 2] = [0.5, 2.0];
@@ -31,57 +31,63 @@ pub struct Roughness {
     /// What joins the noise.
     pub(crate) noise: LowRank,
     /// The curves that are rough.
-    curves: Vec<Curve>,
+    pub(crate) curves: Vec<Rough>,
 }
 
-impl Roughness {
-    /// Direction and axis of every curve that is rough.
-    pub fn curves(&self) -> impl Iterator<Item = (Axis, Axis)> {
-        self.curves.iter().map(|c| (c.along, c.over))
+/// A curve that is rough.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Rough {
+    /// Direction of the displacement.
+    pub(crate) along: Axis,
+    /// The axis over whose positions it goes.
+    pub(crate) over: Axis,
+    /// Its name, an index into the labels of the library.
+    pub(crate) label: usize,
+}
+
+impl Rough {
+    /// True for an effect that describes it.
+    pub(crate) fn is(&self, shape: &Shape) -> bool {
+        shape.is_free_curve() && shape.acts_along() == Some(self.along) && shape.over() == Some(self.over)
     }
 }
 
-/// A displacement along a direction as a function of the position of an axis, and the middle and half of the way of the axis, mm.
+/// A curve with the middle and half of the way of its axis, mm, and the variants that describe it as a whole.
 #[derive(Debug, Clone, PartialEq)]
 struct Curve {
-    along: Axis,
-    over: Axis,
+    rough: Rough,
     middle_mm: f64,
     half_mm: f64,
-    /// The variants that describe it as a whole.
     variants: Vec<usize>,
 }
 
-/// The curves over positions of linear axes among the effects chosen. Of one that a periodic error or a worn place stands for, that must
-/// say more than a rough curve would by chance: the polynomial that says most of the gap describes it.
+/// The curves over positions of linear axes among the effects chosen. A periodic error or a worn place may stand for a curve: of such a
+/// one the curve that says most of the gap by itself is what describes it as a whole.
 fn curves(session: &Session, problem: &Problem, library: &Library, selection: &Selection) -> Vec<Curve> {
-    let name = |v: &usize| library.labels[library.variants[*v].label].effect;
-    let is_whole = |v: &usize| ["positioning", "straightness"].contains(&name(v));
     let alone = problem.given(&[]);
     let mut all: Vec<Curve> = Vec::new();
     for variant in &selection.chosen {
         let shape = &library.variants[*variant].shape;
-        let Some((along, over)) = shape.acts_along().zip(shape.over()).filter(|_| shape.is_free_curve())
+        let of = shape.acts_along().zip(shape.over());
+        let of = of.filter(|(_, over)| shape.is_free_curve() && over.is_linear());
+        let Some((along, over)) = of.filter(|of| all.iter().all(|c| (c.rough.along, c.rough.over) != *of))
         else {
             continue;
         };
-        let is_same = |v: &usize| {
-            let other = &library.variants[*v].shape;
-            is_whole(v) && other.acts_along() == Some(along) && other.over() == Some(over)
+        let Some((middle_mm, half_mm)) = problem.way(session, over) else { continue };
+        let mut rough = Rough { along, over, label: library.variants[*variant].label };
+        let name = |v: &usize| library.labels[library.variants[*v].label].effect;
+        let is_whole = |v: &usize| {
+            ["positioning", "straightness"].contains(&name(v)) && rough.is(&library.variants[*v].shape)
         };
-        let way = problem.way(session, over).filter(|_| over.is_linear());
-        let Some((middle_mm, half_mm)) =
-            way.filter(|_| !all.iter().any(|c| c.along == along && c.over == over))
-        else {
-            continue;
-        };
-        let mut variants: Vec<usize> = selection.chosen.iter().copied().filter(is_same).collect();
+        let mut variants: Vec<usize> = selection.chosen.iter().copied().filter(is_whole).collect();
         if variants.is_empty() {
             let brings = |v: &usize| selection.brings(library, *v, problem.gain(&alone, *v)).evidence;
-            let others = (0..library.variants.len()).filter(is_same);
+            let others = (0..library.variants.len()).filter(is_whole);
             variants.extend(others.max_by(|a, b| brings(a).total_cmp(&brings(b))));
         }
-        all.push(Curve { along, over, middle_mm, half_mm, variants });
+        rough.label = variants.first().map_or(rough.label, |v| library.variants[*v].label);
+        all.push(Curve { rough, middle_mm, half_mm, variants });
     }
     all
 }
@@ -95,9 +101,9 @@ fn waves(session: &Session, filter: &Filter, problem: &Problem, curves: &[Curve]
     for (row, i) in data.chunks_exact_mut(width).zip(&problem.rows) {
         let m = &session.moments[*i];
         for (c, to) in curves.iter().zip(row.chunks_exact_mut(WAVES)).filter(|_| sees(m)) {
-            let at = 0.5 * ((m.position[c.over.slot()] - c.middle_mm) / c.half_mm + 1.0);
+            let at = 0.5 * ((m.position[c.rough.over.slot()] - c.middle_mm) / c.half_mm + 1.0);
             for (h, v) in (1..=WAVES).zip(to) {
-                *v = m.u[c.along.slot()] * (PI * h as f64 * at).cos() / (h as f64 * mean_square.sqrt());
+                *v = m.u[c.rough.along.slot()] * (PI * h as f64 * at).cos() / (h as f64 * mean_square.sqrt());
             }
         }
     }
@@ -122,7 +128,7 @@ pub fn roughness(
     selection: &Selection,
     least_um: f64,
 ) -> Option<(Roughness, Vec<usize>)> {
-    let mut curves = curves(session, problem, library, selection);
+    let curves = curves(session, problem, library, selection);
     if curves.is_empty() {
         return None;
     }
@@ -132,16 +138,16 @@ pub fn roughness(
     let found = one_by_one(&sets, sets.most_likely(&SCALES.map(|s| s * least_um))?);
     let kept = sets.kept(&found)?;
     let noise = LowRank::of(&waves, &found.sizes);
-    let mut sizes = found.sizes.chunks(WAVES);
-    curves.retain(|_| sizes.next().is_some_and(|s| s[0] > 0.0));
-    Some((Roughness { noise, curves }, kept))
+    let rough = curves.iter().zip(found.sizes.chunks(WAVES)).filter(|(_, sizes)| sizes[0] > 0.0);
+    let curves: Vec<Rough> = rough.map(|(curve, _)| curve.rough).collect();
+    (!curves.is_empty()).then_some((Roughness { noise, curves }, kept))
 }
 
 /// Sizes of single curves: twice or half as large where that says more, none where its own says little.
 fn one_by_one(sets: &Sets<'_>, start: Sized) -> Sized {
     let mut best = start;
     for _ in 0..ROUNDS {
-        let before = best.evidence;
+        let before = best.sizes.clone();
         for at in (0..best.sizes.len()).step_by(WAVES) {
             let with = |factor: f64, best: &Sized| {
                 let mut sizes = best.sizes.clone();
@@ -153,7 +159,7 @@ fn one_by_one(sets: &Sets<'_>, start: Sized) -> Sized {
             }
             best = with(0.0, &best).filter(|none| none.evidence > best.evidence - STRONG).unwrap_or(best);
         }
-        if best.evidence <= before {
+        if best.sizes == before {
             break;
         }
     }
@@ -161,10 +167,18 @@ fn one_by_one(sets: &Sets<'_>, start: Sized) -> Sized {
 }
 
 #[cfg(test)]
+impl Roughness {
+    /// Of no curve.
+    pub(super) const fn made_up(noise: LowRank) -> Self {
+        Self { noise, curves: Vec::new() }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use nalgebra::DVector;
 
-    use super::super::super::library::{Kind, Label, Shape, Variant, forms};
+    use super::super::super::library::{Kind, Label, Variant, forms};
     use super::super::super::noise::Random;
     use super::*;
 

@@ -79,7 +79,7 @@ impl<'a> Sets<'a> {
     }
 }
 
-/// Products of the effects' columns and the gap, whitened by a random part of one size.
+/// Products of the effects' columns and the gap, whitened by a random part.
 struct Products {
     gram: DMatrix<f64>,
     /// Logarithm of the determinant of what joined the noise.
