@@ -106,7 +106,7 @@ fn mean_squares_add_up_from_the_gap_to_the_noise_and_programs_hold_every_reading
     let shares = b.corrections.iter().map(|c| c.share).sum::<f64>();
     assert!((1.0 - shares - (b.after.rms_um / b.before.rms_um).powi(2)).abs() < 1e-9, "{b:?}");
     assert!(b.corrections.windows(2).all(|w| w[0].share >= w[1].share), "{b:?}");
-    let rest = b.unexplained_um.powi(2) + b.drift_um.powi(2) + b.noise_um.powi(2);
+    let rest = [b.unexplained_um, b.roughness_um, b.drift_um, b.noise_um].iter().map(|v| v * v).sum::<f64>();
     assert!((rest - b.after.rms_um.powi(2)).abs() < 1e-9, "{b:?}");
     for c in &b.corrections {
         assert!(c.alone.rms_um < b.before.rms_um && c.all_others.rms_um > b.after.rms_um, "{c:?}");

@@ -144,6 +144,7 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
         }
         let rest = [
             ("not explained", found.budget.unexplained_um, shares.unexplained),
+            ("roughness of curves", found.budget.roughness_um, shares.roughness),
             ("drift", found.budget.drift_um, shares.drift),
             ("noise", found.budget.noise_um, shares.noise),
         ];

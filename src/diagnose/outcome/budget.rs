@@ -45,8 +45,10 @@ pub struct Budget {
     pub before: Level,
     /// The gap without all declared causes.
     pub after: Level,
-    /// Part of `after` that is neither noise nor drift, RMS, um.
+    /// Part of `after` that is neither roughness of declared curves nor noise nor drift, RMS, um.
     pub unexplained_um: f64,
+    /// Part that is roughness of declared curves, RMS, um.
+    pub roughness_um: f64,
     /// Part that is drift, RMS, um.
     pub drift_um: f64,
     /// Part that is noise, RMS, um.
@@ -55,12 +57,14 @@ pub struct Budget {
     pub corrections: Vec<Correction>,
 }
 
-/// Shares of the mean square of the gap that are no cause's: what is unexplained, drift and noise. With those of the causes they
-/// add up to 1.
+/// Shares of the mean square of the gap that no correction takes out: what is unexplained, roughness, drift and noise. With those of
+/// the causes they add up to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shares {
     /// Neither cause nor drift nor noise.
     pub unexplained: f64,
+    /// Roughness of declared curves.
+    pub roughness: f64,
     /// Drift.
     pub drift: f64,
     /// Noise.
@@ -72,7 +76,12 @@ impl Budget {
     #[must_use]
     pub fn shares(&self) -> Shares {
         let of = |rms_um: f64| rms_um.powi(2) / self.before.rms_um.powi(2).max(1e-18);
-        Shares { unexplained: of(self.unexplained_um), drift: of(self.drift_um), noise: of(self.noise_um) }
+        Shares {
+            unexplained: of(self.unexplained_um),
+            roughness: of(self.roughness_um),
+            drift: of(self.drift_um),
+            noise: of(self.noise_um),
+        }
     }
 
     /// Causes in the order of their shares, largest first; those without one as they come, behind.
@@ -129,7 +138,7 @@ pub(super) fn budget(
     a: &Analysis,
     assessed: &[Assessed],
     fitted: &Fitted<'_>,
-    undeclared_um2: f64,
+    (undeclared_um2, rough_um): (f64, f64),
 ) -> Budget {
     let level = |corrected: &[usize]| {
         let take = |j: usize| corrected.contains(&fitted.owner[j]);
@@ -157,20 +166,29 @@ pub(super) fn budget(
         .collect();
     corrections.sort_by(|a, b| b.share.total_cmp(&a.share));
     let whole = after.rms_um.powi(2);
-    let [unexplained, drift, noise] = match &a.comparison {
+    let [unexplained, rough, drift, noise] = match &a.comparison {
         Some(c) => {
             let unexplained = (c.shares.discrepancy_um2 + c.finer_um2() + undeclared_um2).min(whole);
             let drift = c.shares.drift_um2.min(whole - unexplained);
-            [unexplained, drift, whole - unexplained - drift]
+            [unexplained, 0.0, drift, whole - unexplained - drift]
         }
         None => {
             let noise = white_rms(session, a).powi(2).min(whole);
             let drift = drift_rms(session, a).powi(2).min(whole - noise);
-            [whole - noise - drift, drift, noise]
+            let rough = rough_um.powi(2).min(whole - noise - drift);
+            [whole - noise - drift - rough, rough, drift, noise]
         }
     }
     .map(|v| v.max(0.0).sqrt());
-    Budget { before, after, unexplained_um: unexplained, drift_um: drift, noise_um: noise, corrections }
+    Budget {
+        before,
+        after,
+        unexplained_um: unexplained,
+        roughness_um: rough,
+        drift_um: drift,
+        noise_um: noise,
+        corrections,
+    }
 }
 
 /// The gap of each part program before and after, the largest left first.

@@ -283,7 +283,8 @@ pub(super) fn conclude(
     }
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
-    notes.extend(structured::notes(session, a, &assessed, (&keep, rough_um.is_some())));
+    let named_um = structured::named_roughness_um(session, a, &keep, rough_um.is_some());
+    notes.extend(structured::notes(a, &assessed, named_um));
     notes.extend(subtracted_twice(session, a, rms(&before)));
     let discrepancy_um = structured::discrepancy_um(session, a);
     if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {
@@ -314,7 +315,7 @@ pub(super) fn conclude(
     let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
     let curves = curves(session, a, &assessed, &fitted);
-    let budget = budget(session, a, &assessed, &fitted, undeclared_um2);
+    let budget = budget(session, a, &assessed, &fitted, (undeclared_um2, named_um.unwrap_or_default()));
     let programs = programs(session, a, &before, &after);
     let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {

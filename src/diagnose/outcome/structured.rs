@@ -85,17 +85,21 @@ pub(super) fn rough_names(a: &Analysis) -> Option<String> {
     Some(curves.iter().map(|c| a.library.labels[c.label].to_string()).collect::<Vec<_>>().join(", "))
 }
 
-/// What is said of declared effects that are not the same everywhere, and of rough curves where their roughness has a name.
-pub(super) fn notes(
+/// RMS of the roughness that has the name of declared curves, um; `has_rough`: it has none.
+pub(super) fn named_roughness_um(
     session: &Session,
     a: &Analysis,
-    assessed: &[Assessed],
-    (keep, has_rough): (&[usize], bool),
-) -> Vec<String> {
+    keep: &[usize],
+    has_rough: bool,
+) -> Option<f64> {
+    roughness(a, keep).filter(|_| !has_rough).map(|_| posterior_um(session, a, keep, 0))
+}
+
+/// What is said of declared effects that are not the same everywhere, and of curves whose roughness (`rough_um`) has their name.
+pub(super) fn notes(a: &Analysis, assessed: &[Assessed], rough_um: Option<f64>) -> Vec<String> {
     let mut all: Vec<String> =
         assessed.iter().filter(|x| x.is_declared()).filter_map(|x| varies(a, x)).collect();
-    if let Some(curves) = rough_names(a).filter(|_| !has_rough && roughness(a, keep).is_some()) {
-        let rough_um = posterior_um(session, a, keep, 0);
+    if let Some((curves, rough_um)) = rough_names(a).zip(rough_um) {
         all.push(format!(
             "roughness of {curves}: {rough_um:.2} µm RMS over all readings beyond the polynomial, which the addition leaves; a table at \
              the targets of a test along the axis (`volcomp fit`) takes it out"

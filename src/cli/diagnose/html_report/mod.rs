@@ -192,8 +192,10 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
         from = to;
     }
     let below = b.drift_um.hypot(b.noise_um);
+    let rough = b.roughness_um.hypot(below);
     let rest = [
-        ("Not explained", from, below, shares.unexplained, Ink::Orange),
+        ("Not explained", from, rough, shares.unexplained, Ink::Orange),
+        ("Roughness of curves", rough, below, shares.roughness, Ink::Blue),
         ("Drift", below, b.noise_um, shares.drift, Ink::Green),
         ("Noise", b.noise_um, 0.0, shares.noise, Ink::Grey),
     ];
