@@ -65,10 +65,8 @@ pub(super) fn allow_for_structure(
     let (Some((found, kept)), Some(before)) = (found, before) else { return };
     let varying = Found::of(problem, library, selection, square);
     before.restore(problem, session, filter, library, selection);
-    problem.join(Structure { discrepancy: Some(found), variation: None, ..problem.structure().clone() });
-    problem.prepare(&kept);
-    selection.restart(problem, library, &kept);
-    find_causes(problem, session, filter, library, selection);
+    let structure = Structure { discrepancy: Some(found), variation: None, ..problem.structure().clone() };
+    find_causes_beside(problem, session, filter, library, selection, (structure, &kept));
     allow_for_variation(problem, session, filter, library, selection);
     let now = Found::of(problem, library, selection, square);
     // where neither says more, fewer causes do
@@ -77,6 +75,21 @@ pub(super) fn allow_for_structure(
         varying.restore(problem, session, filter, library, selection);
     }
     problem.prepare(&selection.chosen);
+}
+
+/// The causes from those kept on, once structure has joined the noise.
+fn find_causes_beside(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+    (structure, kept): (Structure, &[usize]),
+) {
+    problem.join(structure);
+    problem.prepare(kept);
+    selection.restart(problem, library, kept);
+    find_causes(problem, session, filter, library, selection);
 }
 
 /// Where curves are rougher than their polynomials, what these leave joins the noise, and causes are looked for again. It stays so where
@@ -93,10 +106,8 @@ fn allow_for_roughness(
     let Some((found, kept)) = found else { return };
     let square = problem.y.norm_squared();
     let before = Found::of(problem, library, selection, square);
-    problem.join(Structure { roughness: Some(found), ..Structure::default() });
-    problem.prepare(&kept);
-    selection.restart(problem, library, &kept);
-    find_causes(problem, session, filter, library, selection);
+    let structure = Structure { roughness: Some(found), ..Structure::default() };
+    find_causes_beside(problem, session, filter, library, selection, (structure, &kept));
     if Found::of(problem, library, selection, square).evidence < before.evidence + STRONG {
         before.restore(problem, session, filter, library, selection);
         problem.prepare(&selection.chosen);

@@ -203,8 +203,8 @@ pub(super) fn conclude(
     let chosen = without_offsets(session, &minus(&a.gap, &parts.held_out, |_| true), &a.used);
     let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
-    let rough_um = structured::unnamed_roughness_um(session, a, &keep, [rms(&before), rms(&after)]);
-    let named = structured::named(a, &keep, rough_um.is_some());
+    let rough = structured::Rough::beside(session, a, &keep, [rms(&before), rms(&after)]);
+    let named = structured::named(a, &keep, rough.unnamed_um.is_some());
     let left = structured::left_whitened(a, &keep, &named);
     let y = a.filter.column(&a.gap);
     let total = structure(session, &a.problem, &y);
@@ -260,7 +260,7 @@ pub(super) fn conclude(
             a,
             &assessed,
             (&left, &named),
-            (&total, &leftover, rough_um),
+            (&total, &leftover, rough.unnamed_um),
             (shrink.rms_before_um, shrink.rms_after_um),
         ),
     };
@@ -283,8 +283,7 @@ pub(super) fn conclude(
     }
     let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
-    let named_um = structured::named_roughness_um(session, a, &keep, rough_um.is_some());
-    notes.extend(structured::notes(a, &assessed, named_um));
+    notes.extend(structured::notes(a, &assessed, rough.named_um));
     notes.extend(subtracted_twice(session, a, rms(&before)));
     let discrepancy_um = structured::discrepancy_um(session, a);
     if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {
@@ -315,7 +314,7 @@ pub(super) fn conclude(
     let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
     let curves = curves(session, a, &assessed, &fitted);
-    let budget = budget(session, a, &assessed, &fitted, (undeclared_um2, named_um.unwrap_or_default()));
+    let budget = budget(session, a, &assessed, &fitted, (undeclared_um2, rough.named_um.unwrap_or_default()));
     let programs = programs(session, a, &before, &after);
     let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {

@@ -5,7 +5,7 @@ use nalgebra::DVector;
 use super::super::Analysis;
 use super::super::constants::HALF;
 use super::super::decision::Assessed;
-use super::super::search::{LowRank, Roughness};
+use super::super::search::LowRank;
 use super::super::session::Session;
 use super::{drift_rms, white_rms};
 
@@ -27,28 +27,32 @@ fn posterior_um(session: &Session, a: &Analysis, keep: &[usize], place: usize) -
     (square / mean.len().max(1) as f64).sqrt()
 }
 
-/// The roughness of curves that some effects all describe.
-fn roughness<'a>(a: &'a Analysis, keep: &[usize]) -> Option<&'a Roughness> {
-    let roughness = a.problem.structure().roughness.as_ref()?;
-    let shapes = || keep.iter().map(|v| &a.library.variants[*v].shape);
-    roughness.curves.iter().all(|curve| shapes().any(|shape| curve.is(shape))).then_some(roughness)
+/// RMS of the roughness, um.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Rough {
+    /// That of declared curves.
+    pub(super) named_um: Option<f64>,
+    /// That of curves that are not declared, or where most of the gap stays: it is no noise.
+    pub(super) unnamed_um: Option<f64>,
 }
 
-/// RMS of the roughness that is no noise beside what is declared, um: that of curves that are not, or where most of the gap stays;
-/// `gap_um` is its RMS before and after their correction.
-pub(super) fn unnamed_roughness_um(
-    session: &Session,
-    a: &Analysis,
-    keep: &[usize],
-    gap_um: [f64; 2],
-) -> Option<f64> {
-    a.problem.structure().roughness.as_ref()?;
-    let white_um = white_rms(session, a);
-    let floor_um2 = white_um.powi(2) + drift_rms(session, a).powi(2);
-    let [before_um2, after_um2] = gap_um.map(|rms_um| (rms_um * rms_um - floor_um2).max(0.0));
-    let is_named = roughness(a, keep).is_some() && after_um2 <= HALF * before_um2;
-    let rough_um = posterior_um(session, a, keep, 0);
-    (!is_named && rough_um > PROXY * white_um).then_some(rough_um)
+impl Rough {
+    /// Beside what is declared; `gap_um` is the RMS of the gap before and after its correction.
+    pub(super) fn beside(session: &Session, a: &Analysis, keep: &[usize], gap_um: [f64; 2]) -> Self {
+        let Some(roughness) = &a.problem.structure().roughness else { return Self::default() };
+        let shapes = || keep.iter().map(|v| &a.library.variants[*v].shape);
+        let is_declared = roughness.curves.iter().all(|curve| shapes().any(|shape| curve.is(shape)));
+        let white_um = white_rms(session, a);
+        let floor_um2 = white_um.powi(2) + drift_rms(session, a).powi(2);
+        let [before_um2, after_um2] = gap_um.map(|rms_um| (rms_um * rms_um - floor_um2).max(0.0));
+        let is_named = is_declared && after_um2 <= HALF * before_um2;
+        let rough_um = posterior_um(session, a, keep, 0);
+        let is_unnamed = !is_named && rough_um > PROXY * white_um;
+        Self {
+            named_um: (is_declared && !is_unnamed).then_some(rough_um),
+            unnamed_um: is_unnamed.then_some(rough_um),
+        }
+    }
 }
 
 /// The noise of structure that has the name of what is declared: roughness but where it `has_rough` without one, and the variation of
@@ -83,16 +87,6 @@ pub(super) fn discrepancy_um(session: &Session, a: &Analysis) -> Option<f64> {
 pub(super) fn rough_names(a: &Analysis) -> Option<String> {
     let curves = &a.problem.structure().roughness.as_ref()?.curves;
     Some(curves.iter().map(|c| a.library.labels[c.label].to_string()).collect::<Vec<_>>().join(", "))
-}
-
-/// RMS of the roughness that has the name of declared curves, um; `has_rough`: it has none.
-pub(super) fn named_roughness_um(
-    session: &Session,
-    a: &Analysis,
-    keep: &[usize],
-    has_rough: bool,
-) -> Option<f64> {
-    roughness(a, keep).filter(|_| !has_rough).map(|_| posterior_um(session, a, keep, 0))
 }
 
 /// What is said of declared effects that are not the same everywhere, and of curves whose roughness (`rough_um`) has their name.
