@@ -346,7 +346,8 @@ fn gather(readings: &[Reading], positions: usize, group: impl Fn(usize) -> usize
         // equal readings have their own value as mean, not a rounded one
         cell.mean = if cell.low == cell.high { cell.low } else { cell.mean / cell.count };
     }
-    for (i, r) in readings.iter().enumerate() {
+    let repeated = cells.iter().any(|c| c.count > 1.0);
+    for (i, r) in readings.iter().enumerate().filter(|_| repeated) {
         let cell = &mut cells[2 * group(i) + usize::from(r.travel == Travel::Reverse)];
         cell.within += (r.value - cell.mean).powi(2);
     }

@@ -54,6 +54,15 @@ impl Sums {
         self.e_max = self.e_max.max(cell.farthest(fitted));
     }
 
+    /// Adds the sums over other cells.
+    pub(super) fn join(&mut self, other: &Self) {
+        self.sse += other.sse;
+        self.e_max = self.e_max.max(other.e_max);
+        self.loo += other.loo;
+        self.position += other.position;
+        self.inner += other.inner;
+    }
+
     /// A cell whose mean is missed by `error` when its position is left out.
     pub(super) fn left_out(&mut self, cell: &Cell, error: f64) {
         self.position += cell.within + cell.count * error * error;

@@ -1,5 +1,7 @@
 //! Cells side by side: what is the same for every row of the design is done for several at once.
 
+use rayon::prelude::*;
+
 use super::data::{Cell, Data};
 
 /// Cells of a block.
@@ -19,9 +21,30 @@ pub(super) struct Block<'a> {
     pub(super) means: Lane,
 }
 
-/// The cells of `data` in blocks that no position is divided between.
-pub(super) fn blocks(data: &Data) -> impl Iterator<Item = Block<'_>> {
-    let mut rest = data.cells.as_slice();
+/// Cells of one share of a pass over the data.
+const SHARE: usize = 1 << 12;
+
+/// Calls `part` with the first cell and the cells of each share of the data, shares side by side; results in order. Shares do not
+/// depend on the number of processors, and no position is divided between two.
+pub(super) fn shared_out<T: Send>(data: &Data, part: impl Fn(usize, &[Cell]) -> T + Sync) -> Vec<T> {
+    // no thread is started for what one does as fast
+    if data.cells.len() <= SHARE {
+        return vec![part(0, &data.cells)];
+    }
+    let mut bounds = vec![0];
+    let (mut first, all) = (0, data.cells.len());
+    while first < all {
+        let end = (first + SHARE).min(all);
+        // both directions of a position stay together
+        first = end - usize::from(end < all && data.cells[end].group == data.cells[end - 1].group);
+        bounds.push(first);
+    }
+    bounds.par_windows(2).map(|ends| part(ends[0], &data.cells[ends[0]..ends[1]])).collect()
+}
+
+/// Some of the cells of `data` in blocks that no position is divided between.
+pub(super) fn blocks<'a>(data: &'a Data, cells: &'a [Cell]) -> impl Iterator<Item = Block<'a>> {
+    let mut rest = cells;
     core::iter::from_fn(move || {
         let mut count = rest.len().min(LANES);
         if count == 0 {
@@ -74,7 +97,7 @@ mod tests {
             .collect();
         let data = Data::new(&all, None).unwrap();
         let mut next = 0;
-        for block in blocks(&data) {
+        for block in blocks(&data, &data.cells) {
             for (lane, cell) in block.cells.iter().enumerate() {
                 let own = &data.cells[next];
                 assert_eq!((cell.group, cell.travel), (own.group, own.travel));
@@ -85,6 +108,26 @@ mod tests {
             assert_eq!(block.counts.iter().sum::<f64>(), block.cells.len() as f64);
             let last = block.cells[block.cells.len() - 1].group;
             assert!(data.cells.get(next).is_none_or(|c| c.group != last));
+        }
+        assert_eq!(next, data.cells.len());
+    }
+
+    #[test]
+    fn shares_hold_every_cell_once_and_positions_whole() {
+        // an odd cell first, so that pairs lie across the bounds
+        let all: Vec<Reading> = (0..3 * SHARE)
+            .flat_map(|i| [(i, Travel::Forward), (i, Travel::Reverse)])
+            .skip(1)
+            .map(|(i, travel)| Reading { cycle: 0, travel, position: i as f64, value: 1.0 })
+            .collect();
+        let data = Data::new(&all, None).unwrap();
+        let shares = shared_out(&data, |first, cells| (first, cells.len(), cells[0].group));
+        assert!(shares.len() > 3);
+        let mut next = 0;
+        for (first, count, group) in shares {
+            assert_eq!((first, group), (next, data.cells[next].group));
+            next += count;
+            assert!(data.cells.get(next).is_none_or(|c| c.group != data.cells[next - 1].group));
         }
         assert_eq!(next, data.cells.len());
     }

@@ -2,7 +2,7 @@
 
 use super::data::{Cell, Data};
 use super::figures::Sums;
-use super::lanes::{Block, LANES, Lane, blocks};
+use super::lanes::{Block, LANES, Lane, blocks, shared_out};
 use super::solve::{Design, Factor};
 
 /// Figures of the fit with the first `columns` columns.
@@ -33,23 +33,38 @@ impl Products {
 impl Factor {
     /// Goes through the data once; for each rung, in growing order, the sums of its residuals and left-out errors.
     pub(super) fn nested_fits(&self, data: &Data, design: &Design<'_>, rungs: &[usize]) -> Vec<Rung> {
-        let k = rungs.iter().copied().max().unwrap_or(0);
+        let parts = shared_out(data, |first, cells| self.nested_sums(data, design, rungs, first, cells));
         let mut found: Vec<Rung> =
             rungs.iter().map(|&columns| Rung { columns, sums: Sums::default() }).collect();
+        for part in parts {
+            found.iter_mut().zip(part).for_each(|(rung, sums)| rung.sums.join(&sums));
+        }
+        found
+    }
+
+    /// The same over some cells, the first of which is `first`.
+    fn nested_sums(
+        &self,
+        data: &Data,
+        design: &Design<'_>,
+        rungs: &[usize],
+        mut first: usize,
+        cells: &[Cell],
+    ) -> Vec<Sums> {
+        let mut found = vec![Sums::default(); rungs.len()];
         let (mut row, mut columns) = (vec![0.0; design.len()], vec![[0.0; LANES]; design.len()]);
-        let mut first = 0;
-        for block in blocks(data) {
+        for block in blocks(data, cells) {
             if self.q.is_none() {
                 design.rows(&block.positions, &block.signs, &mut row, &mut columns);
             }
             let mut products = Products::default();
             let mut done = 0;
-            for rung in &mut found {
-                for j in done..rung.columns.min(k) {
+            for (sums, &end) in found.iter_mut().zip(rungs) {
+                for j in done..end {
                     products.add(&self.orthogonal(&block, first, &columns, j), self.z[j]);
                 }
-                done = done.max(rung.columns);
-                add_block(data, &block, &products, &mut rung.sums);
+                done = done.max(end);
+                add_block(data, &block, &products, sums);
             }
             first += block.cells.len();
         }

@@ -8,9 +8,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::basis::{Shape, chebyshev};
-use super::data::Data;
+use super::data::{Cell, Data};
 use super::error::CONDITION_LIMIT;
-use super::lanes::{LANES, Lane, blocks, chebyshev_lanes};
+use super::lanes::{LANES, Lane, blocks, chebyshev_lanes, shared_out};
 use super::request::Basis;
 
 /// Up to this many cells the orthogonal factor is kept.
@@ -200,24 +200,12 @@ fn reflections(data: &Data, design: &Design<'_>, penalty: &[f64]) -> Factor {
 /// Cholesky factor of `A^T W A`, a block of rows at a time; `None` where the condition asks for reflections.
 fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
     let m = design.len();
-    // two partial sums of every product: they keep both halves of a register busy
-    let mut sums = vec![[0.0; 2]; m * m];
-    let mut right = vec![0.0; m];
-    let (mut row, mut columns) = (vec![0.0; m], vec![[0.0; LANES]; m]);
-    for block in blocks(data) {
-        design.rows(&block.positions, &block.signs, &mut row, &mut columns);
-        for (j, column) in columns.iter().enumerate() {
-            let weighted: Lane = core::array::from_fn(|lane| block.counts[lane] * column[lane]);
-            right[j] += dot(&weighted, &block.means);
-            for (sum, other) in sums[j * m + j..(j + 1) * m].iter_mut().zip(&columns[j..]) {
-                for (w, v) in weighted.chunks_exact(2).zip(other.chunks_exact(2)) {
-                    sum[0] += w[0] * v[0];
-                    sum[1] += w[1] * v[1];
-                }
-            }
-        }
+    let parts = shared_out(data, |_, cells| products(data, design, cells));
+    let (mut sums, mut right) = (vec![0.0; m * m], vec![0.0; m]);
+    for (part, values) in parts {
+        sums.iter_mut().zip(part).for_each(|(sum, [a, b])| *sum += a + b);
+        right.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
     }
-    let sums: Vec<f64> = sums.iter().map(|s| s[0] + s[1]).collect();
     // columns of length 1: how they are scaled says nothing about how alike they are
     let length: Vec<f64> = (0..m).map(|j| sums[j * m + j].sqrt()).collect();
     let matrix = DMatrix::from_fn(m, m, |i, j| sums[i.min(j) * m + i.max(j)] / (length[i] * length[j]));
@@ -230,6 +218,29 @@ fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
     let z = r.tr_solve_upper_triangular(&DVector::from_vec(right))?;
     let inverse = r.solve_upper_triangular(&DMatrix::identity(m, m))?;
     Some(Factor { r, z, q: None, inverse })
+}
+
+/// `A^T W A` above its diagonal, row by row, and `A^T W y` over some cells.
+fn products(data: &Data, design: &Design<'_>, cells: &[Cell]) -> (Vec<[f64; 2]>, Vec<f64>) {
+    let m = design.len();
+    // two partial sums of every product: they keep both halves of a register busy
+    let mut sums = vec![[0.0; 2]; m * m];
+    let mut right = vec![0.0; m];
+    let (mut row, mut columns) = (vec![0.0; m], vec![[0.0; LANES]; m]);
+    for block in blocks(data, cells) {
+        design.rows(&block.positions, &block.signs, &mut row, &mut columns);
+        for (j, column) in columns.iter().enumerate() {
+            let weighted: Lane = core::array::from_fn(|lane| block.counts[lane] * column[lane]);
+            right[j] += dot(&weighted, &block.means);
+            for (sum, other) in sums[j * m + j..(j + 1) * m].iter_mut().zip(&columns[j..]) {
+                for (w, v) in weighted.chunks_exact(2).zip(other.chunks_exact(2)) {
+                    sum[0] += w[0] * v[0];
+                    sum[1] += w[1] * v[1];
+                }
+            }
+        }
+    }
+    (sums, right)
 }
 
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
