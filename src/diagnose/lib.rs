@@ -133,18 +133,7 @@ pub fn diagnose(
         found.into_iter().for_each(|(setup, length_um)| *lengths_um.entry(setup).or_default() += length_um);
         analysis = analyse(session, options, &lattice_um, &mut raw, tell);
     }
-    session.is_bar_length_off = !lengths_um.is_empty();
-    if session.is_bar_length_off {
-        let mut each: Vec<String> = lengths_um.values().map(|length_um| format!("{length_um:.1}")).collect();
-        each.dedup();
-        let taken_off = match &each[..] {
-            [one] => format!("a constant of {one} µm is"),
-            _ => format!("constants of {} µm (one for each set-up) are", each.join(", ")),
-        };
-        session.notes.push(Note::new(format!(
-            "readings of the ballbar: {taken_off} taken off as the length of the bar and no part of the gap"
-        )));
-    }
+    restore_lengths(session, &mut analysis, &lengths_um);
     if session.ball_zero.is_some() {
         session.notes.push(Note::new(
             "readings of the R-test fit better where all errors, not those of rotary axes alone, count from the centring of the ball: \
@@ -176,6 +165,33 @@ fn ballbar_lengths_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap
         length_um.abs() > SIGNIFICANT * noise.white_um.hypot(noise.drift_um)
     });
     stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())
+}
+
+/// Puts lengths of the ballbar that were taken off back into the gap, as the effect that they are: what was found beside them stands.
+fn restore_lengths(session: &mut Session, analysis: &mut Analysis, lengths_um: &BTreeMap<usize, f64>) {
+    let setups_of = |library: &Library, v: usize| match &library.variants[v].shape {
+        Shape::BallbarLength(length) => Some(length.setups.clone()),
+        _ => None,
+    };
+    let Some((_, &first_um)) = lengths_um.first_key_value() else { return };
+    let Analysis { library, problem, selection, .. } = analysis;
+    let is_own = |v: &usize| setups_of(library, *v).is_some_and(|setups| !setups.is_empty());
+    let each_has_its_own =
+        lengths_um.values().any(|um| *um != first_um) || selection.chosen.iter().any(is_own);
+    let mut lengths = (0..library.variants.len()).filter(|v| setups_of(library, *v).is_some());
+    let Some(variant) = lengths.find(|v| is_own(v) == each_has_its_own) else { return };
+    let amounts_um: Vec<f64> = match &setups_of(library, variant).unwrap_or_default()[..] {
+        [] => vec![first_um],
+        setups => setups.iter().map(|s| lengths_um.get(s).copied().unwrap_or_default()).collect(),
+    };
+    selection.chosen.retain(|v| setups_of(library, *v).is_none());
+    selection.chosen.push(variant);
+    problem.add_to_gap(variant, &amounts_um);
+    problem.prepare(&selection.chosen);
+    for (r, m) in session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar) {
+        r.deviation_um += lengths_um.get(&m.setup).copied().unwrap_or_default();
+    }
+    analysis.gap = session.gap();
 }
 
 /// `lattice_um`: the step of each instrument class; `raw`: columns of an analysis of the same session before.

@@ -165,12 +165,12 @@ fn the_length_of_the_ballbar_hides_no_cause_of_a_campaign() {
         let d = run(&campaign, &truth, NOISE, &[]);
         let mut named = declared(&d.report);
         named.sort();
-        assert_eq!(named, ["backlash:x", "squareness:xy"], "{length_um}: {}", table(&d.report));
-        let note = d.report.notes.iter().find(|n| n.contains("the length of the bar")).unwrap();
-        let taken_off: f64 =
-            note.split("a constant of ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-        assert!((taken_off - length_um).abs() < 2.0, "{note}");
-        assert!(d.report.gap.rms_um < 0.3 * length_um, "it is no part of the gap: {}", d.report.gap.rms_um);
+        let all = ["backlash:x", "ballbar-length", "squareness:xy"];
+        assert_eq!(named, all, "{length_um}: {}", table(&d.report));
+        let length = d.report.causes.iter().find(|c| c.effect == "ballbar-length").unwrap();
+        let found_um = length.parameters["length_error_um"].value;
+        assert!((found_um - length_um).abs() < 2.0, "{found_um}");
+        assert!(d.report.shrink.fraction > 0.8, "{}", d.report.shrink.fraction);
     }
 }
 
@@ -200,8 +200,11 @@ fn a_length_of_the_ballbar_for_each_mounting_hides_no_cause() {
         core::array::from_fn(|k| p[k] + length * s.u[k])
     };
     let d = run(&Campaign::full(), &truth, NOISE, &[]);
-    assert_eq!(declared(&d.report), ["backlash:x"], "{}", table(&d.report));
-    assert!(d.report.notes.iter().any(|n| n.contains("one for each set-up")), "{:?}", d.report.notes);
+    let mut named = declared(&d.report);
+    named.sort();
+    assert_eq!(named, ["backlash:x", "ballbar-length"], "{}", table(&d.report));
+    let length = d.report.causes.iter().find(|c| c.effect == "ballbar-length").unwrap();
+    assert!(length.parameters.len() > 1, "one for each set-up: {:?}", length.parameters);
 }
 
 #[test]

@@ -121,14 +121,13 @@ pub(super) fn not_seen_on(fresh: &mut Session, a: &Analysis, assessed: &[Assesse
         .collect()
 }
 
-/// RMS of fresh data without and with the causes declared, beside the readings `outlying`. The length of a ballbar is estimated anew; one
-/// that `is_off` the readings of the session is no part of the gap here either.
+/// RMS of fresh data without and with the causes declared, beside the readings `outlying`. The length of a ballbar is estimated anew.
 pub(super) fn seen_on(
     fresh: &mut Session,
     a: &Analysis,
     assessed: &[Assessed],
     (owner, beta): (&[usize], &[f64]),
-    (outlying, is_off): (&[usize], bool),
+    outlying: &[usize],
 ) -> (f64, f64) {
     let gap = fresh.gap();
     let used = all_but(gap.len(), outlying);
@@ -156,12 +155,9 @@ pub(super) fn seen_on(
             }
         }
     }
-    let mut before = without_offsets(fresh, &gap, &used);
+    let before = without_offsets(fresh, &gap, &used);
     let mut after = without_offsets(fresh, &after, &used);
-    if is_off {
-        remove_lengths(fresh, &mut before, &used);
-    }
-    if is_off || assessed.iter().any(|x| x.is_declared() && is_length(x)) {
+    if assessed.iter().any(|x| x.is_declared() && is_length(x)) {
         remove_lengths(fresh, &mut after, &used);
     }
     (rms(&before), rms(&after))

@@ -302,7 +302,7 @@ pub(super) fn conclude(
                 f.readings.len()
             ));
         }
-        let seen = seen_on(f, a, &assessed, (&owner, &beta), (&outlying, session.is_bar_length_off));
+        let seen = seen_on(f, a, &assessed, (&owner, &beta), &outlying);
         let fraction = 1.0 - seen.1 / seen.0.max(1e-12);
         Fresh {
             rms_before_um: seen.0,

@@ -162,6 +162,18 @@ impl Problem {
         self.join(Structure { variation, ..self.structure.clone() });
     }
 
+    /// Adds to the gap what a variant contributes, `amounts` of its parameters in their units. Products of the columns are to be prepared
+    /// anew.
+    pub fn add_to_gap(&mut self, variant: usize, amounts: &[f64]) {
+        let (at, k) = self.span[variant];
+        let scaled = DVector::from_fn(k, |j, _| amounts[j] * self.plain.norm[at + j]);
+        self.plain.y.gemv_tr(1.0, &self.plain.w.rows(at, k), &scaled, 1.0);
+        let y = DMatrix::from_column_slice(self.len(), 1, self.plain.y.as_slice());
+        self.plain.b.copy_from(&product(&self.plain.w.as_view(), &y).column(0));
+        self.joined.clear();
+        self.join(self.structure.clone());
+    }
+
     /// Takes structure for noise, in the place of that before.
     pub fn join(&mut self, structure: Structure) {
         let stay = self.joined.iter().zip(structure.noises()).take_while(|(j, noise)| j.noise() == *noise);

@@ -70,7 +70,6 @@ impl Session {
             setups: Vec::new(),
             reference_lines: Vec::new(),
             ball_zero: None,
-            is_bar_length_off: false,
             runs: 0,
             axes: Axis::ALL
                 .into_iter()

@@ -313,8 +313,6 @@ pub struct Session {
     pub reference_lines: Vec<bool>,
     /// Readings of an R-test count from the zero of the ball; none where they count as at the row, as far as known.
     pub ball_zero: Option<BallZero>,
-    /// The length error of the ballbar is taken off its readings.
-    pub is_bar_length_off: bool,
     /// Number of runs.
     pub runs: usize,
     /// The axes that have a column.
