@@ -21,6 +21,8 @@ pub(super) struct Contributions {
     pub(super) held_out: Vec<Vec<f64>>,
     /// The same with the fit to all readings.
     pub(super) in_sample: Vec<Vec<f64>>,
+    /// The fit without each fold, in the scale of the problem.
+    pub(super) folds: Vec<nalgebra::DVector<f64>>,
 }
 
 /// Contributions of the columns `columns` with raw values `raw` (per column, per row of the session).
@@ -34,11 +36,11 @@ pub(super) fn contributions(
 ) -> Contributions {
     let n = columns.len();
     if n == 0 {
-        return Contributions { held_out: Vec::new(), in_sample: Vec::new() };
+        return Contributions { held_out: Vec::new(), in_sample: Vec::new(), folds: Vec::new() };
     }
-    let folds = FOLDS.min(problem.blocks.max(2));
-    let mut g = vec![nalgebra::DMatrix::<f64>::zeros(n, n); folds];
-    let mut b = vec![nalgebra::DVector::<f64>::zeros(n); folds];
+    let count = FOLDS.min(problem.blocks.max(2));
+    let mut g = vec![nalgebra::DMatrix::<f64>::zeros(n, n); count];
+    let mut b = vec![nalgebra::DVector::<f64>::zeros(n); count];
     for (i, x) in problem.whitened_rows(columns).column_iter().enumerate() {
         let f = fold_of(problem.block[i], problem.blocks);
         g[f].ger(1.0, &x, &x, 1.0);
@@ -46,7 +48,7 @@ pub(super) fn contributions(
     }
     let whole_g = g.iter().fold(nalgebra::DMatrix::zeros(n, n), |s, m| s + m);
     let whole_b = b.iter().fold(nalgebra::DVector::zeros(n), |s, v| s + v);
-    let fits: Vec<nalgebra::DVector<f64>> = (0..folds)
+    let fits: Vec<nalgebra::DVector<f64>> = (0..count)
         .map(|f| {
             let mut rest = &whole_g - &g[f];
             for j in 0..n {
@@ -58,10 +60,7 @@ pub(super) fn contributions(
                 .unwrap_or_else(|_| nalgebra::DVector::from_column_slice(beta))
         })
         .collect();
-    let mut fold = vec![0usize; session.readings.len()];
-    for (k, i) in problem.rows.iter().enumerate() {
-        fold[*i] = fold_of(problem.block[k], problem.blocks);
-    }
+    let fold = folds(session, problem);
     let scaled = |j: usize, b: f64| {
         let norm = problem.norm[columns[j]];
         if norm > 0.0 { b / norm } else { 0.0 }
@@ -70,7 +69,16 @@ pub(super) fn contributions(
         .map(|j| raw[j].iter().enumerate().map(|(i, v)| v * scaled(j, fits[fold[i]][j])).collect())
         .collect();
     let in_sample = (0..n).map(|j| raw[j].iter().map(|v| v * scaled(j, beta[j])).collect()).collect();
-    Contributions { held_out, in_sample }
+    Contributions { held_out, in_sample, folds: fits }
+}
+
+/// The fold of each reading of the session; 0 of those that are not used.
+pub(super) fn folds(session: &Session, problem: &Problem) -> Vec<usize> {
+    let mut fold = vec![0; session.readings.len()];
+    for (block, i) in problem.block.iter().zip(&problem.rows) {
+        fold[*i] = fold_of(*block, problem.blocks);
+    }
+    fold
 }
 
 /// `gap` minus the sum of some contributions.

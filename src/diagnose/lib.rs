@@ -11,6 +11,7 @@
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
 pub mod assessment;
+mod bar_length;
 mod constants;
 pub mod decision;
 mod dense;
@@ -34,11 +35,11 @@ mod spatial_variation;
 mod stochastic;
 
 use std::cmp::Ordering;
-use std::collections::BTreeMap;
 
+use bar_length::BarLengths;
 use constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT, STRONG, SURE};
 use evidence::Comparison;
-use library::{Kind, Library, Shape, Without};
+use library::{Kind, Library, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, RawColumns, Selection};
 use session::{Note, Session};
@@ -124,16 +125,14 @@ pub fn diagnose(
     // what is taken off below is no multiple of a step
     let lattice_um = noise::lattices(session);
     let mut analysis = analyse(session, options, &lattice_um, &mut raw, tell);
-    let mut lengths_um: BTreeMap<usize, f64> = BTreeMap::new();
+    let mut lengths = BarLengths::default();
     for _ in 0..ROUNDS {
-        let Some(found) = ballbar_lengths_um(session, &analysis) else { break };
-        for (r, m) in session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar) {
-            r.deviation_um -= found.get(&m.setup).copied().unwrap_or_default();
+        if !lengths.take_off(session, &analysis) {
+            break;
         }
-        found.into_iter().for_each(|(setup, length_um)| *lengths_um.entry(setup).or_default() += length_um);
         analysis = analyse(session, options, &lattice_um, &mut raw, tell);
     }
-    restore_lengths(session, &mut analysis, &lengths_um);
+    lengths.put_back(session, &mut analysis);
     if session.ball_zero.is_some() {
         session.notes.push(Note::new(
             "readings of the R-test fit better where all errors, not those of rotary axes alone, count from the centring of the ball: \
@@ -149,49 +148,6 @@ pub fn diagnose(
     }
     tell(0.85, "tests of the causes");
     outcome::conclude(session, fresh, options, &analysis, tell)
-}
-
-/// The length error of the ballbar by set-up in a campaign, um, where it is an effect that stands out: a constant of the set-up
-/// says nothing of the machine, and beside a large one the evidence of every other effect counts for little.
-fn ballbar_lengths_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap<usize, f64>> {
-    let Analysis { library, problem, selection, comparison: None, .. } = analysis else { return None };
-    let is_length = |v: &usize| matches!(library.variants[*v].shape, Shape::BallbarLength(_));
-    let place = selection.chosen.iter().position(is_length)?;
-    let parts = contributions_um(session, problem, library, &selection.chosen);
-    let of_ballbar = session.moments.iter().zip(&session.readings).zip(&parts[place]);
-    let of_ballbar: Vec<_> = of_ballbar.filter(|((m, _), _)| m.is_ballbar).collect();
-    let stands_out = of_ballbar.iter().any(|((_, r), length_um)| {
-        let noise = analysis.noise[r.instrument];
-        length_um.abs() > SIGNIFICANT * noise.white_um.hypot(noise.drift_um)
-    });
-    stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())
-}
-
-/// Puts lengths of the ballbar that were taken off back into the gap, as the effect that they are: what was found beside them stands.
-fn restore_lengths(session: &mut Session, analysis: &mut Analysis, lengths_um: &BTreeMap<usize, f64>) {
-    let setups_of = |library: &Library, v: usize| match &library.variants[v].shape {
-        Shape::BallbarLength(length) => Some(length.setups.clone()),
-        _ => None,
-    };
-    let Some((_, &first_um)) = lengths_um.first_key_value() else { return };
-    let Analysis { library, problem, selection, .. } = analysis;
-    let is_own = |v: &usize| setups_of(library, *v).is_some_and(|setups| !setups.is_empty());
-    let each_has_its_own =
-        lengths_um.values().any(|um| *um != first_um) || selection.chosen.iter().any(is_own);
-    let mut lengths = (0..library.variants.len()).filter(|v| setups_of(library, *v).is_some());
-    let Some(variant) = lengths.find(|v| is_own(v) == each_has_its_own) else { return };
-    let amounts_um: Vec<f64> = match &setups_of(library, variant).unwrap_or_default()[..] {
-        [] => vec![first_um],
-        setups => setups.iter().map(|s| lengths_um.get(s).copied().unwrap_or_default()).collect(),
-    };
-    selection.chosen.retain(|v| setups_of(library, *v).is_none());
-    selection.chosen.push(variant);
-    problem.add_to_gap(variant, &amounts_um);
-    problem.prepare(&selection.chosen);
-    for (r, m) in session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar) {
-        r.deviation_um += lengths_um.get(&m.setup).copied().unwrap_or_default();
-    }
-    analysis.gap = session.gap();
 }
 
 /// `lattice_um`: the step of each instrument class; `raw`: columns of an analysis of the same session before.

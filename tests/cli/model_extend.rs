@@ -167,6 +167,31 @@ fn waves_bends_and_leaning_carriages_become_curves() {
     }
 }
 
+#[test]
+fn a_rough_curve_is_its_polynomial_and_a_table() {
+    let shape = "form = \"rough-curve\"\npositions-mm = [0, 100, 250, 400]\nbeyond-um = [0, 1, -1, 2]\n[effect.shape.curve]\nform = \"polynomial\"\n\
+                 along = \"z\"\nover = \"y\"\nlow = 2\nhigh = 2\ncentre-mm = 200\nhalf-mm = 200";
+    let (model, said) = extended(&[effect("straightness", "ezy", "6, 3", shape)]);
+    assert!(!said.contains("\"taken\": false"), "{said}");
+    for (y, beyond) in [(0.0, 0.0), (100.0, 1.0), (250.0, -1.0), (400.0, 2.0)] {
+        let s: f64 = (y - 200.0) / 200.0;
+        let expected = [0.0, 2.0 * y / 100.0, 6.0 * (1.5 * s * s - 0.5) + 3.0 * beyond];
+        near(deviation_um(&model, [250.0, y, -120.0, 0.0], Travel::Forward), expected);
+    }
+    // a table that goes back and forth is refused
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
+    let shape = shape.replace("[0, 100, 250, 400]", "[0, 250, 100, 400]");
+    std::fs::write(
+        dir.path().join("a.toml"),
+        addition("m", &[effect("straightness", "ezy", "6, 3", &shape)]),
+    )
+    .unwrap();
+    let out =
+        volcomp(dir.path(), &["model", "extend", "--model", "m.toml", "--add", "a.toml", "--out", "n.toml"]);
+    assert!(!out.status.success(), "{}", String::from_utf8_lossy(&out.stdout));
+}
+
 /// A Legendre polynomial of degree n has a slope of n (n + 1) / 2 at the ends of the data, n (n + 1) / 4 spacings of a
 /// table with 200 equal ones.
 #[test]

@@ -21,7 +21,7 @@ pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-fn run(directory: &Path, path: &Path, extra: &[&str]) -> Output {
+pub(crate) fn run(directory: &Path, path: &Path, extra: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp"))
         .current_dir(directory)
         .args(["diagnose", "--json", "--out", "out", "--data"])

@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 
 use super::super::addition::{Addition, Entry, FORMAT};
 use super::super::decision::Assessed;
-use super::super::library::Shape;
+use super::super::library::{Shape, WIDTH_MAX};
 use super::super::moment::{Signal, Source};
 use super::super::noise::all_but;
 use super::super::offsets::{rms, without_offsets};
 use super::super::session::Session;
 use super::super::{Analysis, Options, is_predictable, raw_of};
+use super::rough_curves::RoughCurve;
+use volcomp_model::geometry::Vec3;
 
 /// Ranges of the data by column.
 fn valid(session: &Session) -> BTreeMap<String, [f64; 2]> {
@@ -51,9 +53,8 @@ pub(super) fn addition(
     a: &Analysis,
     assessed: &[Assessed],
     options: &Options,
-    owner: &[usize],
-    beta: &[f64],
-    covariance: &[f64],
+    (owner, beta, covariance): (&[usize], &[f64], &[f64]),
+    rough_curves: &[(usize, RoughCurve)],
 ) -> Addition {
     let n = beta.len();
     let effects = assessed
@@ -61,14 +62,14 @@ pub(super) fn addition(
         .enumerate()
         .filter(|(_, x)| x.is_declared() && is_predictable(x.kind))
         .map(|(place, x)| {
-            let (at, _) = a.problem.span[x.variant];
-            let mine: Vec<usize> = (0..n).filter(|j| owner[*j] == place).collect();
+            let (at, width) = a.problem.span[x.variant];
+            let mine: Vec<usize> = (0..n).filter(|j| owner[*j] == place).take(width).collect();
             let scale = |k: usize| {
                 let norm = a.problem.norm[at + k];
                 if norm > 0.0 { 1.0 / norm } else { 0.0 }
             };
             let shape = a.library.variants[x.variant].shape.clone();
-            Entry {
+            let entry = Entry {
                 name: x.label.effect.to_owned(),
                 subject: x.label.subject.clone(),
                 kind: x.kind,
@@ -88,6 +89,10 @@ pub(super) fn addition(
                     .collect(),
                 valid: valid(session),
                 shape,
+            };
+            match rough_curves.iter().find(|(of, _)| *of == place) {
+                Some((_, curve)) => with_roughness(entry, curve),
+                None => entry,
             }
         })
         .collect();
@@ -98,6 +103,16 @@ pub(super) fn addition(
         base: None,
         effects,
     }
+}
+
+/// An entry with its roughness as a further parameter, taken for known.
+fn with_roughness(mut entry: Entry, curve: &RoughCurve) -> Entry {
+    entry.shape = curve.shape.clone().into();
+    entry.parameter_names = entry.shape.parameters();
+    entry.values.push(curve.roughness_um);
+    entry.covariance.iter_mut().for_each(|row| row.push(0.0));
+    entry.covariance.push(vec![0.0; entry.values.len()]);
+    entry
 }
 
 /// Notes on causes that fresh data lack something for, such as a temperature: they are left out of what is seen there.
@@ -126,7 +141,7 @@ pub(super) fn seen_on(
     fresh: &mut Session,
     a: &Analysis,
     assessed: &[Assessed],
-    (owner, beta): (&[usize], &[f64]),
+    (owner, beta, rough_curves): (&[usize], &[f64], &[(usize, RoughCurve)]),
     outlying: &[usize],
 ) -> (f64, f64) {
     let gap = fresh.gap();
@@ -153,6 +168,15 @@ pub(super) fn seen_on(
             for (v, r) in after.iter_mut().zip(values) {
                 *v -= beta[j] / norm * r;
             }
+        }
+    }
+    for (_, curve) in rough_curves {
+        let shape = Shape::from(curve.shape.clone());
+        let mut columns = [Vec3::zeros(); WIDTH_MAX];
+        let columns = &mut columns[..shape.width()];
+        for (v, m) in after.iter_mut().zip(&fresh.moments) {
+            shape.evaluate_with(m, &|_| None, columns);
+            *v -= columns.last().map_or(0.0, |beyond| beyond.dot(&m.u)) * curve.roughness_um;
         }
     }
     let before = without_offsets(fresh, &gap, &used);

@@ -9,6 +9,7 @@ mod fitted;
 mod misform;
 mod re_expression;
 mod rejection_text;
+mod rough_curves;
 mod structured;
 mod unexplained;
 mod views;
@@ -36,6 +37,7 @@ use curves::curves;
 use effect_export::{addition, not_seen_on, seen_on};
 use fitted::Fitted;
 use rejection_text::words;
+use rough_curves::Columns;
 use unexplained::unexplained;
 
 /// A fitted effect over the data, for a picture; an effect that is seen in several directions has a curve in each.
@@ -190,20 +192,27 @@ pub(super) fn conclude(
         }
         None => declare_all(assess(&a.problem, &a.library, &a.selection)),
     };
+    let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
+    let covariance = given.covariance(&a.problem);
+    let mut columns = Columns { raw, parts, owner, beta, covariance, norm, rough: Vec::new() };
+    let before = without_offsets(session, &a.gap, &a.used);
+    let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
+    let polynomials = columns.left(session, a, |place| assessed[place].is_declared());
+    let rough = structured::Rough::beside(session, a, &keep, [rms(&before), rms(&polynomials)]);
+    if rough.named_um.is_some() {
+        columns.join_roughness((session, a, &given), &assessed);
+    }
+    let after = columns.left(session, a, |place| assessed[place].is_declared());
+    let chosen = columns.left(session, a, |_| true);
+    let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
+    let Columns { raw, parts, owner, beta, covariance, norm, rough: rough_curves } = columns;
     let declared = |j: usize| assessed[owner[j]].is_declared();
     let day = day(session, a, &parts, &owner, &assessed);
-    let covariance = given.covariance(&a.problem);
     let fit = (&beta[..], &covariance[..]);
     let mut shrink = match &a.comparison {
         Some(c) => compared::forecast(session, a, c, &parts, &declared, fit, options.seed),
         None => forecast(&a.problem, &a.gap, &parts, &declared, &day, options.seed),
     };
-    let before = without_offsets(session, &a.gap, &a.used);
-    let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
-    let chosen = without_offsets(session, &minus(&a.gap, &parts.held_out, |_| true), &a.used);
-    let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
-    let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
-    let rough = structured::Rough::beside(session, a, &keep, [rms(&before), rms(&after)]);
     let named = structured::named(a, &keep, rough.unnamed_um.is_some());
     let left = structured::left_whitened(a, &keep, &named);
     let y = a.filter.column(&a.gap);
@@ -281,9 +290,9 @@ pub(super) fn conclude(
         }
         shrink = compared::forecast(session, a, c, &parts, &|_| false, fit, options.seed);
     }
-    let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
+    let addition = addition(session, a, &assessed, options, (&owner, &beta, &covariance), &rough_curves);
     let mut notes = notes(session);
-    notes.extend(structured::notes(a, &assessed, rough.named_um));
+    notes.extend(structured::notes(a, &assessed, rough.named_um, !rough_curves.is_empty()));
     notes.extend(subtracted_twice(session, a, rms(&before)));
     let discrepancy_um = structured::discrepancy_um(session, a);
     if let (Some(size_um), None) = (discrepancy_um, &a.comparison) {
@@ -302,7 +311,7 @@ pub(super) fn conclude(
                 f.readings.len()
             ));
         }
-        let seen = seen_on(f, a, &assessed, (&owner, &beta), &outlying);
+        let seen = seen_on(f, a, &assessed, (&owner, &beta, &rough_curves), &outlying);
         let fraction = 1.0 - seen.1 / seen.0.max(1e-12);
         Fresh {
             rms_before_um: seen.0,
@@ -311,7 +320,6 @@ pub(super) fn conclude(
             within_forecast: (shrink.ci90[0]..=shrink.ci90[1]).contains(&fraction),
         }
     });
-    let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
     let curves = curves(session, a, &assessed, &fitted);
     let budget = budget(session, a, &assessed, &fitted, (undeclared_um2, rough.named_um.unwrap_or_default()));

@@ -89,14 +89,25 @@ pub(super) fn rough_names(a: &Analysis) -> Option<String> {
     Some(curves.iter().map(|c| a.library.labels[c.label].to_string()).collect::<Vec<_>>().join(", "))
 }
 
-/// What is said of declared effects that are not the same everywhere, and of curves whose roughness (`rough_um`) has their name.
-pub(super) fn notes(a: &Analysis, assessed: &[Assessed], rough_um: Option<f64>) -> Vec<String> {
+/// What is said of declared effects that are not the same everywhere, and of curves whose roughness (`rough_um`) has their name;
+/// `is_joined`: it is a part of them.
+pub(super) fn notes(
+    a: &Analysis,
+    assessed: &[Assessed],
+    rough_um: Option<f64>,
+    is_joined: bool,
+) -> Vec<String> {
     let mut all: Vec<String> =
         assessed.iter().filter(|x| x.is_declared()).filter_map(|x| varies(a, x)).collect();
     if let Some((curves, rough_um)) = rough_names(a).zip(rough_um) {
+        let held = if is_joined {
+            "the addition holds its posterior mean as a table"
+        } else {
+            "the addition leaves it"
+        };
         all.push(format!(
-            "roughness of {curves}: {rough_um:.2} µm RMS over all readings beyond the polynomial, which the addition leaves; a table at \
-             the targets of a test along the axis (`volcomp fit`) takes it out"
+            "roughness of {curves}: {rough_um:.2} µm RMS over all readings beyond the polynomial; {held}; a test at the targets of its \
+             table (`volcomp fit`) knows it best"
         ));
     }
     all

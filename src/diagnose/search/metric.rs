@@ -103,10 +103,25 @@ impl Problem {
     /// Whitened columns of length 1, a matrix row each and a matrix column per row of the problem.
     #[must_use]
     pub fn whitened_rows(&self, columns: &[usize]) -> DMatrix<f64> {
-        let mut rows = self.plain.w.select_rows(columns);
-        rows.row_iter_mut().zip(columns).for_each(|(mut row, c)| row *= self.unit[*c]);
+        let (mut rows, _) = self.filtered(columns);
         self.turn(rows.as_mut_slice());
         rows
+    }
+
+    /// Columns in the scale of [`Problem::whitened_rows`], a matrix row each, and the gap, whitened by the filter alone.
+    #[must_use]
+    pub fn filtered(&self, columns: &[usize]) -> (DMatrix<f64>, &DVector<f64>) {
+        let mut rows = self.plain.w.select_rows(columns);
+        rows.row_iter_mut().zip(columns).for_each(|(mut row, c)| row *= self.unit[*c]);
+        (rows, &self.plain.y)
+    }
+
+    /// Columns that the filter has whitened, a matrix column each, whitened by the noise that joined as well.
+    #[must_use]
+    pub fn turned(&self, filtered: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut rows = filtered.transpose();
+        self.turn(rows.as_mut_slice());
+        rows.transpose()
     }
 
     /// Puts another shape in the place of a variant.

@@ -35,6 +35,7 @@ pub use problem::{Given, Problem};
 pub use raw_columns::{RawColumns, raw_columns};
 pub use refine::{one_response_per_axis, refine};
 pub use rival_comparison::{challenge, one_of_two, one_worn_place};
+pub(crate) use roughness::{Rough, WAVES};
 pub use roughness::{Roughness, roughness};
 pub use select::{CURVES, Found, SAME_NOISE, SWAP_GAIN, Selection, evidence, threshold};
 pub use structure::Structure;

@@ -198,14 +198,26 @@ impl Problem {
     /// Some vectors without what the given columns say.
     #[must_use]
     pub fn beside(&self, given: &Given, some: &DMatrix<f64>) -> DMatrix<f64> {
+        self.divided(given, some).0
+    }
+
+    /// The same, and what the columns say of each: their parameters (rows, in the units of these).
+    #[must_use]
+    pub(super) fn divided(&self, given: &Given, some: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let columns = self.whitened_rows(&given.columns);
         let products = &columns * some;
-        let mut out = some.clone();
-        for (mut o, p) in out.column_iter_mut().zip(products.column_iter()) {
+        let (mut out, mut taken) = (some.clone(), products.clone());
+        for ((mut o, mut t), p) in
+            out.column_iter_mut().zip(taken.column_iter_mut()).zip(products.column_iter())
+        {
             let known = DVector::from_vec(given.factor.solve(p.as_slice()));
             o.gemv_tr(-1.0, &columns, &known, 1.0);
+            t.copy_from(&known);
         }
-        out
+        for (mut t, c) in taken.row_iter_mut().zip(&given.columns) {
+            t *= if self.norm[*c] > 0.0 { 1.0 / self.norm[*c] } else { 0.0 };
+        }
+        (out, taken)
     }
 
     /// What is known once the columns of `chosen` (prepared) are in.

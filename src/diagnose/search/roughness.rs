@@ -6,11 +6,14 @@
 //! chosen, are compared as models ([`super::size_comparison`]). Source: `docs/explanation/diagnosis.md` (roughness).
 
 use core::f64::consts::PI;
+use std::sync::Arc;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
+
+use volcomp_model::geometry::Vec3;
 
 use super::super::constants::{ROUNDS, STRONG};
-use super::super::library::{Library, Shape};
+use super::super::library::{Library, Shape, WIDTH_MAX};
 use super::super::moment::{Axis, Moment};
 use super::super::noise::Filter;
 use super::super::session::Session;
@@ -21,7 +24,7 @@ use super::select::Selection;
 use super::size_comparison::{Sets, Sized};
 
 /// Waves of a curve: from twice the way of its axis to a fortieth of it; what is finer has 9 % of the RMS of a random walk.
-const WAVES: usize = 80;
+pub(crate) const WAVES: usize = 80;
 /// Factors of the size of one curve that are tried beside those of the others.
 const FACTORS: [f64; 2] = [0.5, 2.0];
 
@@ -32,10 +35,14 @@ pub struct Roughness {
     pub(crate) noise: LowRank,
     /// The curves that are rough.
     pub(crate) curves: Vec<Rough>,
+    /// Their waves, whitened by the filter alone, a matrix row per row of the problem. Shared, for structure is cloned.
+    pub(crate) waves: Arc<DMatrix<f64>>,
+    /// Standard deviation of the coefficient of each wave.
+    pub(crate) sizes: Vec<f64>,
 }
 
 /// A curve that is rough.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Rough {
     /// Direction of the displacement.
     pub(crate) along: Axis,
@@ -43,6 +50,12 @@ pub(crate) struct Rough {
     pub(crate) over: Axis,
     /// Its name, an index into the labels of the library.
     pub(crate) label: usize,
+    /// Middle and half of the way of its axis, mm.
+    pub(crate) middle_mm: f64,
+    pub(crate) half_mm: f64,
+    /// The shapes beside which its waves stand, and how much of their parameters (rows) each wave (columns) is without.
+    beside: Vec<Shape>,
+    taken: DMatrix<f64>,
 }
 
 impl Rough {
@@ -50,14 +63,35 @@ impl Rough {
     pub(crate) fn is(&self, shape: &Shape) -> bool {
         shape.is_free_curve() && shape.acts_along() == Some(self.along) && shape.over() == Some(self.over)
     }
+
+    /// What its waves displace at a position of its axis, um per unit of their coefficients.
+    pub(crate) fn waves_at(&self, position_mm: f64) -> DVector<f64> {
+        let mut waves = DVector::from_iterator(WAVES, self.plain_at(position_mm));
+        let mut m = Moment::default();
+        m.position[self.over.slot()] = position_mm;
+        let mut columns = self.taken.row_iter();
+        for shape in &self.beside {
+            let mut out = [Vec3::zeros(); WIDTH_MAX];
+            let out = &mut out[..shape.width()];
+            shape.evaluate_with(&m, &|_| None, out);
+            for (displacement, taken) in out.iter().zip(&mut columns) {
+                waves.axpy(-displacement[self.along.direction()], &taken.transpose(), 1.0);
+            }
+        }
+        waves
+    }
+
+    /// The same without what its shapes say: as large as the curve would be, RMS over the way, at size 1 um.
+    fn plain_at(&self, position_mm: f64) -> impl Iterator<Item = f64> {
+        let at = 0.5 * ((position_mm - self.middle_mm) / self.half_mm + 1.0);
+        let mean_square: f64 = (1..=WAVES).map(|h| 0.5 / (h * h) as f64).sum();
+        (1..=WAVES).map(move |h| (PI * h as f64 * at).cos() / (h as f64 * mean_square.sqrt()))
+    }
 }
 
-/// A curve with the middle and half of the way of its axis, mm, and the variants that describe it as a whole.
-#[derive(Debug, Clone, PartialEq)]
+/// A curve with the variants that describe it as a whole.
 struct Curve {
     rough: Rough,
-    middle_mm: f64,
-    half_mm: f64,
     variants: Vec<usize>,
 }
 
@@ -75,7 +109,8 @@ fn curves(session: &Session, problem: &Problem, library: &Library, selection: &S
             continue;
         };
         let Some((middle_mm, half_mm)) = problem.way(session, over) else { continue };
-        let mut rough = Rough { along, over, label: library.variants[*variant].label };
+        let (label, taken) = (library.variants[*variant].label, DMatrix::zeros(0, WAVES));
+        let mut rough = Rough { along, over, label, middle_mm, half_mm, beside: Vec::new(), taken };
         let name = |v: &usize| library.labels[library.variants[*v].label].effect;
         let is_whole = |v: &usize| {
             ["positioning", "straightness"].contains(&name(v)) && rough.is(&library.variants[*v].shape)
@@ -87,32 +122,38 @@ fn curves(session: &Session, problem: &Problem, library: &Library, selection: &S
             variants.extend(others.max_by(|a, b| brings(a).total_cmp(&brings(b))));
         }
         rough.label = variants.first().map_or(rough.label, |v| library.variants[*v].label);
-        all.push(Curve { rough, middle_mm, half_mm, variants });
+        all.push(Curve { rough, variants });
     }
     all
 }
 
-/// Whitened waves of every curve, beside what its own variants say: as large as the curve would be, RMS over the way, at size 1 um.
-fn waves(session: &Session, filter: &Filter, problem: &Problem, curves: &[Curve]) -> DMatrix<f64> {
+/// Whitened waves of every curve, beside what its own variants say.
+fn waves(
+    session: &Session,
+    filter: &Filter,
+    problem: &Problem,
+    library: &Library,
+    curves: &mut [Curve],
+) -> DMatrix<f64> {
     let width = curves.len() * WAVES;
-    let mean_square: f64 = (1..=WAVES).map(|h| 0.5 / (h * h) as f64).sum();
     let sees = |m: &Moment| !m.is_angular() && !m.is_encoder;
     let mut data = vec![0.0; problem.rows.len() * width];
     for (row, i) in data.chunks_exact_mut(width).zip(&problem.rows) {
         let m = &session.moments[*i];
         for (c, to) in curves.iter().zip(row.chunks_exact_mut(WAVES)).filter(|_| sees(m)) {
-            let at = 0.5 * ((m.position[c.rough.over.slot()] - c.middle_mm) / c.half_mm + 1.0);
-            for (h, v) in (1..=WAVES).zip(to) {
-                *v = m.u[c.rough.along.slot()] * (PI * h as f64 * at).cos() / (h as f64 * mean_square.sqrt());
-            }
+            let along = m.u[c.rough.along.slot()];
+            let plain = c.rough.plain_at(m.position[c.rough.over.slot()]);
+            to.iter_mut().zip(plain).for_each(|(to, wave)| *to = along * wave);
         }
     }
     problem.whiten(filter, &mut data, width);
     let mut waves = DMatrix::from_row_slice(problem.rows.len(), width, &data);
-    for (k, curve) in curves.iter().enumerate() {
+    for (k, curve) in curves.iter_mut().enumerate() {
         let own = waves.columns(k * WAVES, WAVES).into_owned();
-        let rest = problem.beside(&problem.given(&curve.variants), &own);
+        let (rest, taken) = problem.divided(&problem.given(&curve.variants), &own);
         waves.columns_mut(k * WAVES, WAVES).copy_from(&rest);
+        curve.rough.beside = curve.variants.iter().map(|v| library.variants[*v].shape.clone()).collect();
+        curve.rough.taken = taken;
     }
     waves
 }
@@ -128,19 +169,23 @@ pub fn roughness(
     selection: &Selection,
     least_um: f64,
 ) -> Option<(Roughness, Vec<usize>)> {
-    let curves = curves(session, problem, library, selection);
+    let mut curves = curves(session, problem, library, selection);
     if curves.is_empty() {
         return None;
     }
     problem.prepare(&curves.iter().flat_map(|c| c.variants.iter().copied()).collect::<Vec<_>>());
-    let waves = waves(session, filter, problem, &curves);
+    let waves = waves(session, filter, problem, library, &mut curves);
     let sets = Sets::new(problem, library, selection, &waves);
     let found = one_by_one(&sets, sets.most_likely(&SCALES.map(|s| s * least_um))?);
     let kept = sets.kept(&found)?;
     let noise = LowRank::of(&waves, &found.sizes);
-    let rough = curves.iter().zip(found.sizes.chunks(WAVES)).filter(|(_, sizes)| sizes[0] > 0.0);
-    let curves: Vec<Rough> = rough.map(|(curve, _)| curve.rough).collect();
-    (!curves.is_empty()).then_some((Roughness { noise, curves }, kept))
+    let is_rough = |k: usize| found.sizes[k * WAVES] > 0.0;
+    let rough: Vec<usize> = (0..waves.ncols()).filter(|wave| is_rough(wave / WAVES)).collect();
+    let sizes = rough.iter().map(|wave| found.sizes[*wave]).collect();
+    let waves = Arc::new(waves.select_columns(&rough));
+    let curves = curves.into_iter().enumerate().filter(|(k, _)| is_rough(*k)).map(|(_, curve)| curve.rough);
+    let curves: Vec<Rough> = curves.collect();
+    (!curves.is_empty()).then_some((Roughness { noise, curves, waves, sizes }, kept))
 }
 
 /// Sizes of single curves: twice or half as large where that says more, none where its own says little.
@@ -169,8 +214,8 @@ fn one_by_one(sets: &Sets<'_>, start: Sized) -> Sized {
 #[cfg(test)]
 impl Roughness {
     /// Of no curve.
-    pub(super) const fn made_up(noise: LowRank) -> Self {
-        Self { noise, curves: Vec::new() }
+    pub(super) fn made_up(noise: LowRank) -> Self {
+        Self { noise, curves: Vec::new(), waves: Arc::new(DMatrix::zeros(0, 0)), sizes: Vec::new() }
     }
 }
 

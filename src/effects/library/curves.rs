@@ -158,6 +158,68 @@ impl Form for PositionTable {
     }
 }
 
+/// A curve with what the error is beyond it: straight lines between values at positions, of RMS 1 um.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RoughCurve {
+    pub curve: Box<Shape>,
+    pub positions_mm: Vec<f64>,
+    pub beyond_um: Vec<f64>,
+}
+
+impl RoughCurve {
+    fn beyond_um(&self, position_mm: f64) -> f64 {
+        let (at, values) = (&self.positions_mm, &self.beyond_um);
+        let next = at.partition_point(|x| *x <= position_mm);
+        let (Some(before), Some(after)) = (next.checked_sub(1), at.get(next)) else {
+            // held beyond the positions
+            return values.get(next.min(values.len().saturating_sub(1))).copied().unwrap_or_default();
+        };
+        let share = (position_mm - at[before]) / (after - at[before]);
+        values[before] + share * (values[next] - values[before])
+    }
+}
+
+impl Form for RoughCurve {
+    fn parameters(&self) -> Vec<String> {
+        self.curve.parameters().into_iter().chain(plain(&["roughness_um"])).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.curve.width() + 1
+    }
+
+    fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]) {
+        let Some((beyond, own)) = out.split_last_mut() else { return };
+        self.curve.form().evaluate(m, read, own);
+        let Traits { acts_along: Some(along), over: Some(over), .. } = self.traits() else { return };
+        *beyond = unit(along.direction()) * self.beyond_um(m.position[over.slot()]);
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let over = self.traits().over.ok_or("it is no curve over an axis")?;
+        displacements(model, entry, over, Sampling::At(&self.positions_mm))
+    }
+
+    fn is_valid(&self) -> bool {
+        let finite = self.beyond_um.iter().all(|v| v.is_finite());
+        let (n, at) = (self.beyond_um.len(), &self.positions_mm);
+        let (form, traits) = (self.curve.form(), self.traits());
+        let is_curve = traits.is_free_curve && traits.acts_along.zip(traits.over).is_some();
+        is_curve
+            && form.is_valid()
+            && self.width() <= WIDTH_MAX
+            && finite
+            && n > 1
+            && n == at.len()
+            && are_targets(at)
+    }
+
+    fn traits(&self) -> Traits {
+        self.curve.form().traits()
+    }
+}
+
 /// A curve with values of its own in each direction of travel: `d_a = SUM p_k P_k(s) - dir/2 SUM r_k P_k(s)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

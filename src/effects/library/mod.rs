@@ -73,6 +73,7 @@ shapes! {
     scale::Scale,
     scale::RotaryScale,
     curves::Polynomial,
+    curves::RoughCurve,
     curves::Reverse,
     curves::PositionTable,
     pitch_table::PitchTable,
