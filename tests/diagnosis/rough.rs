@@ -235,6 +235,28 @@ fn forecast_and_addition_hold_the_roughness_of_curves() {
 }
 
 #[test]
+fn the_addition_of_a_curve_is_valid_where_readings_look_along_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let bend = |p: [f64; 3], _: [f64; 3]| [-0.04 * p[0], 6.0 * (p[0] / 100.0).powi(2), 0.0];
+    let mut campaign = Lines::new(7);
+    campaign.line(along(0, HALF_MM), along(0, 1.0), 17, &bend);
+    campaign.line(along(1, HALF_MM), along(1, 1.0), 17, &bend);
+    campaign.line(along(0, 0.5 * HALF_MM), along(1, 1.0), 27, &bend);
+    campaign.line(along(0, 0.5 * HALF_MM), along(2, 1.0), 17, &bend);
+    std::fs::write(directory.path().join("one.csv"), campaign.text).unwrap();
+    let done = run(directory.path(), Path::new("one.csv"), &[]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let addition = std::fs::read_to_string(directory.path().join("out/addition.toml")).unwrap();
+    let addition: toml::Table = addition.parse().unwrap();
+    for effect in addition["effect"].as_array().unwrap() {
+        let half = if effect["name"].as_str() == Some("straightness") { 0.5 * HALF_MM } else { HALF_MM };
+        let [low, high] = [0, 1].map(|k| effect["valid"]["x_mm"][k].as_float().unwrap());
+        assert_eq!([low, high], [-half, half], "{}", effect["name"]);
+    }
+    assert_eq!(addition["effect"].as_array().unwrap().len(), 2, "{addition}");
+}
+
+#[test]
 fn the_reference_line_of_a_straightness_test_is_no_squareness_among_other_programs() {
     let mut campaign = Lines::new(31);
     let none = |_: [f64; 3], _: [f64; 3]| [0.0; 3];

@@ -48,6 +48,17 @@ fn valid(session: &Session) -> BTreeMap<String, [f64; 2]> {
     ranges
 }
 
+/// The ranges of an effect: a polynomial is one of the positions at which readings look along it, and steep beyond.
+fn valid_for(shape: &Shape, ranges: &BTreeMap<String, [f64; 2]>) -> BTreeMap<String, [f64; 2]> {
+    let mut ranges = ranges.clone();
+    if let Shape::Polynomial(curve) = shape
+        && let Some([low, high]) = ranges.get_mut(&curve.over.column())
+    {
+        (*low, *high) = (low.max(curve.centre_mm - curve.half_mm), high.min(curve.centre_mm + curve.half_mm));
+    }
+    ranges
+}
+
 pub(super) fn addition(
     session: &Session,
     a: &Analysis,
@@ -57,6 +68,7 @@ pub(super) fn addition(
     rough_curves: &[(usize, RoughCurve)],
 ) -> Addition {
     let n = beta.len();
+    let ranges = valid(session);
     let effects = assessed
         .iter()
         .enumerate()
@@ -87,7 +99,7 @@ pub(super) fn addition(
                             .collect()
                     })
                     .collect(),
-                valid: valid(session),
+                valid: valid_for(&shape, &ranges),
                 shape,
             };
             match rough_curves.iter().find(|(of, _)| *of == place) {
