@@ -12,6 +12,8 @@ const ACROSS: [usize; 4] = [2, 3, 5, 8];
 const FEW: usize = 12;
 /// Curves are held beyond so many half ranges of the data.
 const HELD: f64 = 1.2;
+/// Points of a model's table from one value of a rough curve to the next.
+const BETWEEN: usize = 4;
 
 /// Variants of `positioning`.
 pub(super) fn positioning(data: &Data, of: &Subject) -> Variants {
@@ -190,15 +192,21 @@ impl Form for RoughCurve {
     }
 
     fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]) {
-        let Some((beyond, own)) = out.split_last_mut() else { return };
-        self.curve.form().evaluate(m, read, own);
+        let width = self.curve.width();
+        self.curve.form().evaluate(m, read, &mut out[..width]);
         let Traits { acts_along: Some(along), over: Some(over), .. } = self.traits() else { return };
-        *beyond = unit(along.direction()) * self.beyond_um(m.position[over.slot()]);
+        out[width] = unit(along.direction()) * self.beyond_um(m.position[over.slot()]);
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
         let over = self.traits().over.ok_or("it is no curve over an axis")?;
-        displacements(model, entry, over, Sampling::At(&self.positions_mm))
+        // between its values the curve bends
+        let between = |at: &[f64]| {
+            (0..BETWEEN).map(|k| at[0] + (at[1] - at[0]) * k as f64 / BETWEEN as f64).collect::<Vec<_>>()
+        };
+        let last = self.positions_mm.last().copied();
+        let at: Vec<f64> = self.positions_mm.windows(2).flat_map(between).chain(last).collect();
+        displacements(model, entry, over, Sampling::At(&at))
     }
 
     fn is_valid(&self) -> bool {
