@@ -54,6 +54,8 @@ pub enum Cost {
     Evidence,
     /// It differs between programs, places or runs by this share of itself.
     Between(f64),
+    /// One program alone shows it, and no part of that says how far it differs.
+    OneProgram,
     /// It differs from its formula by this share of itself.
     Misform(f64),
     /// It takes back what the others say.
@@ -248,7 +250,10 @@ fn worth(
 /// What each figure costs in log odds, and the largest of them.
 fn cost(g: &Figures, company: f64, is_alone: bool) -> Cost {
     let own = CALIBRATION.deviation + CALIBRATION.session;
-    let between = (own * g.between, Cost::Between(g.between));
+    // what one program shows has little more than the prior of a deviation
+    let is_alone_seen = g.breadth < 1.0 + LITTLE && g.between <= DEVIATION_EXPECTED;
+    let of_between = if is_alone_seen { Cost::OneProgram } else { Cost::Between(g.between) };
+    let between = (own * g.between, of_between);
     let misform = (own * excess(g.misform), Cost::Misform(g.misform));
     let against = (CALIBRATION.against * (-g.against).max(0.0), Cost::TakesBack);
     // the mean over one effect is its own
@@ -344,11 +349,15 @@ mod tests {
 
     #[test]
     fn an_effect_that_is_not_declared_says_what_costs_it_most() {
-        let of = |figures| match alone(effect(300.0, figures)).1 {
+        let with = |evidence: f64, figures| match alone(effect(evidence, figures)).1 {
             Some(Reason::Improbable { cost, .. }) => cost,
             other => panic!("{other:?}"),
         };
+        let of = |figures| with(300.0, figures);
         assert_eq!(of(Figures { between: 1.2, ..GOOD }), Cost::Between(1.2));
+        assert_eq!(with(20.0, Figures { between: 0.2, breadth: 1.0, ..GOOD }), Cost::OneProgram);
+        assert_eq!(with(20.0, Figures { between: 0.2, ..GOOD }), Cost::Between(0.2));
+        assert_eq!(of(Figures { between: 0.4, breadth: 1.0, ..GOOD }), Cost::Between(0.4));
         assert_eq!(of(Figures { misform: 1.3, ..GOOD }), Cost::Misform(1.3));
         assert_eq!(of(Figures { against: -1.0, between: 0.3, ..GOOD }), Cost::TakesBack);
     }

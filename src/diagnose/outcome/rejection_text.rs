@@ -46,6 +46,10 @@ fn costs(cost: Cost) -> String {
         Cost::Between(share) => {
             format!(": differs between programs, places or runs by {:.0} % of itself", 100.0 * share)
         }
+        Cost::OneProgram => {
+            ": one program alone shows it; another one that does decides whether it is the same there"
+                .to_owned()
+        }
         Cost::Misform(share) => format!(
             ": differs by {:.0} % of itself with the position of other axes, speed, temperature, time or tool",
             100.0 * share

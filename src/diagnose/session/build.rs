@@ -437,7 +437,8 @@ impl<'a> Part<'a> {
         let of_control = raw.instruments.first().is_some_and(|n| is_encoder(n));
         let (mut derived, mut fast_rows, mut any_fast, mut any_circle) =
             (vec![0.0; raw.len()], vec![false; raw.len()], false, false);
-        for Run { samples, in_motion, circle } in runs {
+        for run in runs {
+            let Run { samples, in_motion, circle, .. } = run;
             // no speed follows from an order
             let fast = *in_motion && !ordinal;
             let places: Vec<f64> = samples.iter().map(|s| position[s.first]).collect();
@@ -476,7 +477,7 @@ impl<'a> Part<'a> {
             };
             let travel = match circle {
                 Some(circle) => circle.travel(samples, given.as_deref()),
-                None => motion::travel(samples, &reached, given.as_deref(), *in_motion),
+                None => motion::travel(run, &reached, given.as_deref()),
             };
             for (k, s) in samples.iter().enumerate() {
                 for i in s.first..s.end {

@@ -54,6 +54,8 @@ pub(super) enum Moves {
 #[derive(Debug)]
 pub(super) struct Run {
     pub(super) samples: Vec<Sample>,
+    /// Per sample: no axis is elsewhere than at the sample before.
+    pub(super) stays: Vec<bool>,
     /// The samples show the path between them.
     pub(super) in_motion: bool,
     /// The circle that the linear axes move along.
@@ -69,9 +71,10 @@ impl Run {
         moves: Moves,
     ) -> Self {
         let samples = samples(t, first, end);
+        let stays = stays(&samples, positions);
         let step = median_step(&samples);
         if samples.len() < FEWEST || moves == Moves::Unknown && step > FAST_S {
-            return Self { samples, in_motion: false, circle: None };
+            return Self { samples, stays, in_motion: false, circle: None };
         }
         let place = |s: &Sample| {
             let mut place = Vec3::zeros();
@@ -84,8 +87,17 @@ impl Run {
         let in_motion = step <= FAST_S
             || circle.is_some()
             || moves == Moves::Stated && (step <= FAST_MOVING_S || is_smooth(&samples, positions));
-        Self { circle: circle.filter(|_| in_motion), samples, in_motion }
+        Self { circle: circle.filter(|_| in_motion), samples, stays, in_motion }
     }
+}
+
+/// Per sample: every axis is where it was at the sample before.
+fn stays(samples: &[Sample], positions: &[(Axis, &[f64])]) -> Vec<bool> {
+    let stays = |k: usize| {
+        let Some(before) = k.checked_sub(1) else { return false };
+        positions.iter().all(|(_, p)| (p[samples[k].first] - p[samples[before].first]).abs() <= MOVED)
+    };
+    (0..samples.len()).map(stays).collect()
 }
 
 /// Samples from which a motion is derived at least.
@@ -313,7 +325,9 @@ fn is_read_from_both_sides(position: &[f64], i: usize) -> bool {
 }
 
 /// Follows one axis through a run, at rest at each sample or in motion; `given` are directions that the file states.
-pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>, in_motion: bool) -> Travel {
+pub(super) fn travel(run: &Run, position: &[f64], given: Option<&[f64]>) -> Travel {
+    let Run { samples, stays, in_motion, .. } = run;
+    let in_motion = *in_motion;
     let n = samples.len();
     let mut t = Travel::unknown(n);
     // a file that states no direction anywhere does not know them: the order of its rows is not that of the machine
@@ -337,7 +351,8 @@ pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>
             Some(g) if g[i] != 0.0 && g[i].is_finite() => g[i].signum(),
             _ if turned => next.signum(),
             _ if moved.abs() > MOVED => moved.signum(),
-            _ if !in_motion && is_read_from_both_sides(position, i) => next.signum(),
+            // while another axis goes to the next line this one need not leave
+            _ if !in_motion && stays[i] && is_read_from_both_sides(position, i) => next.signum(),
             _ => direction,
         };
         if now != direction && direction != 0.0 {

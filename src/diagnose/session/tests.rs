@@ -400,14 +400,19 @@ fn instruments_read_together_are_thinned_together() {
     }
 }
 
+/// Travel along X, at rest at each sample or in motion, with the positions of another axis.
+fn travel(t: &[f64], position: &[f64], other: Option<&[f64]>, in_motion: bool) -> motion::Travel {
+    let all = [(Axis::X, position), (Axis::Y, other.unwrap_or(position))];
+    let run = motion::Run::of(t, [0, t.len()], &all, motion::Moves::Unknown);
+    motion::travel(&motion::Run { in_motion, circle: None, ..run }, position, None)
+}
+
 #[test]
 fn an_axis_turns_round_where_the_parabola_through_its_readings_does() {
-    use super::motion::{samples, travel};
     // a cosine read every 0.1 s turns round at 1.03 s
     let t: Vec<f64> = (0..20).map(|k| 0.1 * f64::from(k)).collect();
     let position: Vec<f64> = t.iter().map(|t| 100.0 * (0.5 * (t - 1.03)).cos()).collect();
-    let samples = samples(&t, 0, t.len());
-    let found = travel(&samples, &position, None, true);
+    let found = travel(&t, &position, None, true);
     for (k, t) in t.iter().enumerate() {
         assert_eq!(found.direction[k], if *t < 1.03 { 1.0 } else { -1.0 }, "{t} s");
         if *t > 1.03 {
@@ -420,12 +425,10 @@ fn an_axis_turns_round_where_the_parabola_through_its_readings_does() {
 
 #[test]
 fn two_samples_at_the_same_place_hold_a_vertex_or_a_rest() {
-    use super::motion::{samples, travel};
     let t: Vec<f64> = (0..20).map(|k| 0.1 * f64::from(k)).collect();
-    let samples = samples(&t, 0, t.len());
     // a cosine turns round midway between samples 9 and 10
     let cosine = t.iter().map(|t| (50.0 * (t - 0.95).cos() * 1e5).round() * 1e-5).collect::<Vec<f64>>();
-    let found = travel(&samples, &cosine, None, true);
+    let found = travel(&t, &cosine, None, true);
     for k in 0..20 {
         assert_eq!(found.direction[k], if k < 10 { 1.0 } else { -1.0 }, "{k}");
     }
@@ -433,7 +436,7 @@ fn two_samples_at_the_same_place_hold_a_vertex_or_a_rest() {
     assert!((found.since[10] - (50.0 - cosine[10])).abs() < 1e-3, "{}", found.since[10]);
     // a line at constant feed that is read twice at its end
     let line: Vec<f64> = (0..20).map(|k| if k < 10 { f64::from(k) } else { f64::from(19 - k) }).collect();
-    let found = travel(&samples, &line, None, true);
+    let found = travel(&t, &line, None, true);
     assert_eq!((found.direction[9], found.direction[10], found.direction[11]), (1.0, 1.0, -1.0));
 }
 
@@ -464,15 +467,20 @@ fn slow_samples_of_a_steady_motion_have_velocities_where_the_file_says_that_it_m
 
 #[test]
 fn the_last_target_of_a_standard_cycle_is_read_from_both_sides() {
-    use super::motion::{samples, travel};
     let position = [0.0, 10.0, 20.0, 20.0, 10.0, 0.0, 0.0, 10.0];
     let t: Vec<f64> = (0..position.len()).map(|k| 30.0 * k as f64).collect();
-    let samples = samples(&t, 0, t.len());
-    let direction = |position: &[f64]| travel(&samples, position, None, false).direction;
+    let direction = |position: &[f64]| travel(&t, position, None, false).direction;
     assert_eq!(direction(&position), [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0]);
     // where every target is read twice without moving, so is the last
     let twice = [0.0, 0.0, 10.0, 10.0, 20.0, 20.0, 10.0, 10.0];
     assert_eq!(direction(&twice), [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0]);
+}
+
+#[test]
+fn an_axis_waits_at_the_end_of_a_line_of_a_grid() {
+    let (x, y) = ([0.0, 10.0, 20.0, 20.0, 10.0, 0.0, 0.0, 10.0], [0.0, 0.0, 0.0, 5.0, 5.0, 5.0, 10.0, 10.0]);
+    let t: Vec<f64> = (0..x.len()).map(|k| 5.0 * k as f64).collect();
+    assert_eq!(travel(&t, &x, Some(&y), false).direction, [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0]);
 }
 
 #[test]
