@@ -5,8 +5,17 @@ use std::collections::BTreeMap;
 
 use super::constants::SIGNIFICANT;
 use super::library::{Library, Shape};
+use super::moment::Moment;
 use super::session::Session;
 use super::{Analysis, contributions_um};
+
+/// A length of the ballbar that was put back.
+pub(super) struct BarLength {
+    /// What it adds to each reading, um.
+    pub(super) part_um: Vec<f64>,
+    /// Sum of squares that the effects found beside it explain.
+    pub(super) explained_beside: f64,
+}
 
 /// Lengths taken off so far, um, by set-up.
 #[derive(Default)]
@@ -34,7 +43,8 @@ impl BarLengths {
     /// Puts all of it back into the gap, as an effect found: what was found beside it stands.
     pub(super) fn put_back(&self, session: &mut Session, analysis: &mut Analysis) {
         let Some((_, first_um)) = self.0.first_key_value() else { return };
-        let Analysis { library, problem, selection, .. } = analysis;
+        // sets that were compared hold no effect that was not
+        let Analysis { library, problem, selection, comparison: None, .. } = analysis else { return };
         let is_own = |v: &usize| setups_of(library, *v).is_some_and(|setups| !setups.is_empty());
         let each_has_its_own =
             self.0.values().any(|um| um != first_um) || selection.chosen.iter().any(is_own);
@@ -46,12 +56,14 @@ impl BarLengths {
             setups => setups.iter().map(of).collect(),
         };
         selection.chosen.retain(|v| setups_of(library, *v).is_none());
+        let explained_beside = problem.given(&selection.chosen).explained;
         selection.chosen.push(variant);
         problem.add_to_gap(variant, &amounts_um);
         problem.prepare(&selection.chosen);
-        for (r, m) in session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar) {
-            r.deviation_um += of(&m.setup);
-        }
+        let part = |m: &Moment| if m.is_ballbar { of(&m.setup) } else { 0.0 };
+        let part_um: Vec<f64> = session.moments.iter().map(part).collect();
+        session.readings.iter_mut().zip(&part_um).for_each(|(r, part_um)| r.deviation_um += part_um);
+        analysis.bar_length = Some(BarLength { part_um, explained_beside });
         analysis.gap = session.gap();
     }
 }

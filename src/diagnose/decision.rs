@@ -54,7 +54,7 @@ pub enum Cost {
     Evidence,
     /// It differs between programs, places or runs by this share of itself.
     Between(f64),
-    /// One program alone shows it, and no part of that says how far it differs.
+    /// One program alone shows it, so that its deviation is hardly more than what is expected before anything is known.
     OneProgram,
     /// It differs from its formula by this share of itself.
     Misform(f64),

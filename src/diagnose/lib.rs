@@ -36,7 +36,7 @@ mod stochastic;
 
 use std::cmp::Ordering;
 
-use bar_length::BarLengths;
+use bar_length::{BarLength, BarLengths};
 use constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT, STRONG, SURE};
 use evidence::Comparison;
 use library::{Kind, Library, Without};
@@ -112,6 +112,16 @@ struct Analysis {
     pruned: Vec<decision::Evidence>,
     /// Where few programs allow all sets of effects to be compared.
     comparison: Option<Comparison>,
+    /// A length of the ballbar that was taken off for the search.
+    bar_length: Option<BarLength>,
+}
+
+impl Analysis {
+    /// The gap without a length of the ballbar beside which nothing else would count, um.
+    fn without_bar_length(&self) -> Vec<f64> {
+        let Some(bar) = &self.bar_length else { return self.gap.clone() };
+        self.gap.iter().zip(&bar.part_um).map(|(gap, part)| gap - part).collect()
+    }
 }
 
 /// Diagnoses a session whose predictions are filled in; `tell` hears of the progress (share done, what is done).
@@ -260,6 +270,7 @@ fn analyse(
                 gap,
                 pruned,
                 comparison: None,
+                bar_length: None,
             };
         }
         class_noise = next;
@@ -453,6 +464,7 @@ fn compared(
         gap,
         pruned: Vec::new(),
         comparison: Some(comparison),
+        bar_length: None,
     }
 }
 

@@ -333,15 +333,16 @@ mod tests {
             raw.push("tracker", raw.lines.len() as u64 + 2, &row);
         }
         let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+        let n = session.readings.len();
         let noise = [ClassNoise { white_um: 1.3, drift_um: 2.0, drift_s: 90.0 }];
-        let filter = Filter::new(&session, &noise, &[true; 40]);
+        let filter = Filter::new(&session, &noise, &vec![true; n]);
         let order = filter.order().to_vec();
-        let mut whitened = DMatrix::<f64>::identity(40, 40);
-        filter.apply(whitened.as_mut_slice(), 40);
+        let mut whitened = DMatrix::<f64>::identity(n, n);
+        filter.apply(whitened.as_mut_slice(), n);
         // rows lie one behind the other
         let precision = &whitened * whitened.transpose();
         let gap = session.gap();
-        let pull = &precision * DVector::from_iterator(40, order.iter().map(|i| gap[*i]));
+        let pull = &precision * DVector::from_iterator(n, order.iter().map(|i| gap[*i]));
         for (k, residual) in filter.deletion_residuals(&gap).into_iter().enumerate() {
             let wanted = pull[k] / precision[(k, k)].sqrt();
             // the first readings of a setup are known to no better than its mounting

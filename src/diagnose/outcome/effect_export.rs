@@ -4,14 +4,13 @@ use std::collections::BTreeMap;
 
 use super::super::addition::{Addition, Entry, FORMAT};
 use super::super::decision::Assessed;
-use super::super::library::{Shape, WIDTH_MAX};
+use super::super::library::{Library, Shape, Variant};
 use super::super::moment::{Signal, Source};
 use super::super::noise::all_but;
 use super::super::offsets::{rms, without_offsets};
 use super::super::session::Session;
 use super::super::{Analysis, Options, is_predictable, raw_of};
 use super::rough_curves::RoughCurve;
-use volcomp_model::geometry::Vec3;
 
 /// Ranges of the data by column.
 fn valid(session: &Session) -> BTreeMap<String, [f64; 2]> {
@@ -182,13 +181,17 @@ pub(super) fn seen_on(
             }
         }
     }
-    for (_, curve) in rough_curves {
-        let shape = Shape::from(curve.shape.clone());
-        let mut columns = [Vec3::zeros(); WIDTH_MAX];
-        let columns = &mut columns[..shape.width()];
-        for (v, m) in after.iter_mut().zip(&fresh.moments) {
-            shape.evaluate_with(m, &|_| None, columns);
-            *v -= columns.last().map_or(0.0, |beyond| beyond.dot(&m.u)) * curve.roughness_um;
+    for (place, curve) in rough_curves {
+        let label = a.library.variants[assessed[*place].variant].label;
+        let variants = vec![Variant { label, shape: curve.shape.clone().into() }];
+        let library = Library {
+            labels: a.library.labels.clone(),
+            kinds: a.library.kinds.clone(),
+            variants,
+            ..Library::default()
+        };
+        for (v, beyond) in after.iter_mut().zip(raw_of(fresh, &library, &[0]).last().into_iter().flatten()) {
+            *v -= beyond * curve.roughness_um;
         }
     }
     let before = without_offsets(fresh, &gap, &used);

@@ -194,18 +194,21 @@ pub(super) fn conclude(
     };
     let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let covariance = given.covariance(&a.problem);
-    let mut columns = Columns { raw, parts, owner, beta, covariance, norm, rough: Vec::new() };
+    let mut columns = Columns { raw, parts, owner, beta, covariance, norm, rough: Vec::new(), left_um2: 0.0 };
     let before = without_offsets(session, &a.gap, &a.used);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
     let polynomials = columns.left(session, a, |place| assessed[place].is_declared());
-    let rough = structured::Rough::beside(session, a, &keep, [rms(&before), rms(&polynomials)]);
+    let apart_from_bar = without_offsets(session, &a.without_bar_length(), &a.used);
+    let rough = structured::Rough::beside(session, a, &keep, [rms(&apart_from_bar), rms(&polynomials)]);
     if rough.named_um.is_some() {
         columns.join_roughness((session, a, &given), &assessed);
     }
     let after = columns.left(session, a, |place| assessed[place].is_declared());
     let chosen = columns.left(session, a, |_| true);
     let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
-    let Columns { raw, parts, owner, beta, covariance, norm, rough: rough_curves } = columns;
+    let Columns { raw, parts, owner, beta, covariance, norm, rough: rough_curves, left_um2 } = columns;
+    let rough_left_um =
+        if rough_curves.is_empty() { rough.named_um.unwrap_or_default() } else { left_um2.sqrt() };
     let declared = |j: usize| assessed[owner[j]].is_declared();
     let day = day(session, a, &parts, &owner, &assessed);
     let fit = (&beta[..], &covariance[..]);
@@ -216,7 +219,7 @@ pub(super) fn conclude(
     let named = structured::named(a, &keep, rough.unnamed_um.is_some());
     let left = structured::left_whitened(a, &keep, &named);
     let y = a.filter.column(&a.gap);
-    let total = structure(session, &a.problem, &y);
+    let total = structure(session, &a.problem, &a.filter.column(&a.without_bar_length()));
     let leftover = structure(session, &a.problem, &left);
     let without_causes = minus(&a.gap, &parts.in_sample, declared);
     let mut causes = causes::causes(session, a, &assessed, &parts, &before, &owner, (&beta, &covariance));
@@ -322,7 +325,7 @@ pub(super) fn conclude(
     });
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
     let curves = curves(session, a, &assessed, &fitted);
-    let budget = budget(session, a, &assessed, &fitted, (undeclared_um2, rough.named_um.unwrap_or_default()));
+    let budget = budget(session, a, &assessed, &fitted, (undeclared_um2, rough_left_um));
     let programs = programs(session, a, &before, &after);
     let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {

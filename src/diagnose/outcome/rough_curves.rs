@@ -3,14 +3,16 @@
 //!
 //! `c ~ N(0, S^2)`, readings whitened by all noise, that of the waves among it: `c = S^2 W'(y - X b)` with covariance `S^2 - S^2 W'W S^2` at
 //! known parameters `b` of the effects. Readings of a fold are predicted by the waves of the others, from readings whitened by the filter
-//! alone: `(W'W + S^-2) c = W'(y - X b)` over their rows.
+//! alone: `(W'W + S^-2) c = W'(y - X b)` over their rows. What else has structure is not told apart there.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::super::Analysis;
+use super::super::constants::SEES;
 use super::super::decision::Assessed;
 use super::super::forecast::{Contributions, folds, minus};
-use super::super::library::{Shape, WIDTH_MAX, forms};
+use super::super::library::{Shape, Variant, WIDTH_MAX, forms};
+use super::super::moment::Moment;
 use super::super::offsets::{rms, without_offsets};
 use super::super::search::{Given, Rough, Roughness, WAVES, fold_of};
 use super::super::session::Session;
@@ -34,6 +36,8 @@ pub(super) struct Columns {
     pub(super) norm: Vec<f64>,
     /// Curves with their roughness, by their places in the selection.
     pub(super) rough: Vec<(usize, RoughCurve)>,
+    /// Mean square of the roughness that their waves leave: its posterior variance, um^2.
+    pub(super) left_um2: f64,
 }
 
 /// A curve with its roughness.
@@ -55,10 +59,16 @@ impl Columns {
         assessed: &[Assessed],
     ) {
         let Some(roughness) = &a.problem.structure().roughness else { return };
-        let shape = |place: usize| &a.library.variants[assessed[place].variant].shape;
+        // a difference to the state at the zero of the ball is no function of one position
+        if session.ball_zero.is_some() {
+            return;
+        }
+        let variant = |place: usize| &a.library.variants[assessed[place].variant];
         let place_of = |rough: &Rough| {
             let is_it = |p: &usize| {
-                assessed[*p].is_declared() && rough.is(shape(*p)) && shape(*p).width() < WIDTH_MAX
+                let Variant { label, shape } = variant(*p);
+                let fits = *label == rough.label && rough.is(shape) && shape.width() < WIDTH_MAX;
+                assessed[*p].is_declared() && fits
             };
             (0..assessed.len()).find(is_it)
         };
@@ -69,12 +79,12 @@ impl Columns {
         self.covariance = fit.joint_covariance(&self.covariance);
         let fold = folds(session, &a.problem);
         for (k, (rough, place)) in roughness.curves.iter().zip(places).enumerate() {
-            let seen = session.moments.iter().map(|m| {
-                let u = m.u[rough.along.slot()];
-                let sees = u != 0.0 && !m.is_angular() && !m.is_encoder;
-                sees.then(|| rough.waves_at(m.position[rough.over.slot()]) * u)
-            });
-            let seen: Vec<Option<DVector<f64>>> = seen.collect();
+            let waves_at = |m: &Moment| {
+                rough.seen_by(m).map(|along| rough.waves_at(m.position[rough.over.slot()]) * along)
+            };
+            let seen: Vec<Option<DVector<f64>>> = session.moments.iter().map(waves_at).collect();
+            let own = fit.own.view((k * WAVES, k * WAVES), (WAVES, WAVES));
+            self.left_um2 += mean_variance(&seen, &own.into_owned(), &a.used);
             for (h, wave) in (k * WAVES..(k + 1) * WAVES).enumerate() {
                 let raw: Vec<f64> = seen.iter().map(|s| s.as_ref().map_or(0.0, |s| s[h])).collect();
                 self.parts.in_sample.push(raw.iter().map(|v| v * fit.mean[wave]).collect());
@@ -86,7 +96,7 @@ impl Columns {
                 self.norm.push(1.0);
             }
             let coefficients = fit.mean.rows(k * WAVES, WAVES).into_owned();
-            self.rough.push((place, RoughCurve::new(shape(place), rough, &coefficients)));
+            self.rough.push((place, RoughCurve::new(session, &variant(place).shape, rough, &coefficients)));
         }
     }
 }
@@ -163,13 +173,22 @@ fn without_folds(
     fold_fits.iter().enumerate().map(|(fold, fit)| of_fold(fit, fold)).collect()
 }
 
+/// Mean over the readings used of the variance of what waves with coefficients of this covariance add, um^2.
+fn mean_variance(waves: &[Option<DVector<f64>>], covariance: &DMatrix<f64>, used: &[bool]) -> f64 {
+    let rows = used.iter().filter(|u| **u).count().max(1) as f64;
+    let seen = waves.iter().zip(used).filter(|(_, used)| **used).filter_map(|(waves, _)| waves.as_ref());
+    seen.map(|waves| waves.dot(&(covariance * waves)).max(0.0)).sum::<f64>() / rows
+}
+
 impl RoughCurve {
-    /// A table of what the waves with these coefficients add to a curve, over the way of its axis.
-    fn new(curve: &Shape, rough: &Rough, coefficients: &DVector<f64>) -> Self {
+    /// A table of what the waves with these coefficients add to a curve, over the positions at which readings look along it.
+    fn new(session: &Session, curve: &Shape, rough: &Rough, coefficients: &DVector<f64>) -> Self {
+        let looks = |m: &&Moment| rough.seen_by(m).is_some_and(|along| along.abs() > SEES);
+        let at = session.moments.iter().filter(looks).map(|m| m.position[rough.over.slot()]);
+        let [from, to] = at.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(x), h.max(x)]);
         let points = PER_WAVE * WAVES / 2;
-        let step_mm = 2.0 * rough.half_mm / points as f64;
-        let positions_mm: Vec<f64> =
-            (0..=points).map(|k| rough.middle_mm - rough.half_mm + step_mm * k as f64).collect();
+        let step_mm = (to - from) / points as f64;
+        let positions_mm: Vec<f64> = (0..=points).map(|k| from + step_mm * k as f64).collect();
         let values = positions_mm.iter().map(|at| rough.waves_at(*at).dot(coefficients));
         let mut beyond_um: Vec<f64> = values.collect();
         let roughness_um = rms(&beyond_um);

@@ -25,7 +25,9 @@ pub(super) fn unexplained(
     (before_um, after_um): (f64, f64),
 ) -> Unexplained {
     let white = white_rms(session, a);
-    let explained = a.problem.given(&a.selection.chosen).explained / a.problem.len() as f64;
+    let of_machine = a.bar_length.as_ref().map(|bar| bar.explained_beside);
+    let explained = of_machine.unwrap_or_else(|| a.problem.given(&a.selection.chosen).explained);
+    let explained = explained / a.problem.len() as f64;
     let whole = total.variance.max(explained).max(1e-9);
     let structured = (leftover.z > SIGNIFICANT
         && leftover.variance > LEFT_VARIANCE.0

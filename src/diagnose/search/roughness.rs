@@ -14,7 +14,7 @@ use volcomp_model::geometry::Vec3;
 
 use super::super::constants::{ROUNDS, STRONG};
 use super::super::library::{Library, Shape, WIDTH_MAX};
-use super::super::moment::{Axis, Moment};
+use super::super::moment::{Axis, Moment, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::discrepancy::SCALES;
@@ -64,10 +64,16 @@ impl Rough {
         shape.is_free_curve() && shape.acts_along() == Some(self.along) && shape.over() == Some(self.over)
     }
 
+    /// How much of its displacement a reading shows; `None` of one that shows nothing of it.
+    pub(crate) fn seen_by(&self, m: &Moment) -> Option<f64> {
+        let along = m.u[self.along.slot()];
+        (along != 0.0 && !m.is_angular() && !m.is_encoder).then_some(along)
+    }
+
     /// What its waves displace at a position of its axis, um per unit of their coefficients.
     pub(crate) fn waves_at(&self, position_mm: f64) -> DVector<f64> {
         let mut waves = DVector::from_iterator(WAVES, self.plain_at(position_mm));
-        let mut m = Moment::default();
+        let mut m = Moment { direction: [0.0; SLOTS], ..Moment::default() };
         m.position[self.over.slot()] = position_mm;
         let mut columns = self.taken.row_iter();
         for shape in &self.beside {
@@ -113,7 +119,10 @@ fn curves(session: &Session, problem: &Problem, library: &Library, selection: &S
         let mut rough = Rough { along, over, label, middle_mm, half_mm, beside: Vec::new(), taken };
         let name = |v: &usize| library.labels[library.variants[*v].label].effect;
         let is_whole = |v: &usize| {
-            ["positioning", "straightness"].contains(&name(v)) && rough.is(&library.variants[*v].shape)
+            let shape = &library.variants[*v].shape;
+            // waves have no direction of travel
+            let is_one_way = !matches!(shape, Shape::Reverse(_));
+            ["positioning", "straightness"].contains(&name(v)) && is_one_way && rough.is(shape)
         };
         let mut variants: Vec<usize> = selection.chosen.iter().copied().filter(is_whole).collect();
         if variants.is_empty() {
@@ -136,12 +145,11 @@ fn waves(
     curves: &mut [Curve],
 ) -> DMatrix<f64> {
     let width = curves.len() * WAVES;
-    let sees = |m: &Moment| !m.is_angular() && !m.is_encoder;
     let mut data = vec![0.0; problem.rows.len() * width];
     for (row, i) in data.chunks_exact_mut(width).zip(&problem.rows) {
         let m = &session.moments[*i];
-        for (c, to) in curves.iter().zip(row.chunks_exact_mut(WAVES)).filter(|_| sees(m)) {
-            let along = m.u[c.rough.along.slot()];
+        for (c, to) in curves.iter().zip(row.chunks_exact_mut(WAVES)) {
+            let Some(along) = c.rough.seen_by(m) else { continue };
             let plain = c.rough.plain_at(m.position[c.rough.over.slot()]);
             to.iter_mut().zip(plain).for_each(|(to, wave)| *to = along * wave);
         }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::super::constants::LITTLE;
 use super::super::moment::{Axis, Light, Machine, Moment, Source};
 use super::motion::{self, Moves, Run};
 use super::motion_notes::{self, Motion, Stated};
@@ -53,6 +54,8 @@ struct Part<'a> {
     velocities: [Vec<(f64, f64)>; 3],
     /// Rows of an encoder whose axis still follows what it did before the run begins.
     unsettled: Vec<bool>,
+    /// Nothing says which way the axes came.
+    undirected: Vec<bool>,
 }
 
 impl Session {
@@ -170,7 +173,7 @@ impl Session {
         let pair = raw.column("pair");
         let marked = raw.column("outlier");
         let before = self.readings.len();
-        let (mut lost, mut unsettled) = (0, 0);
+        let (mut lost, mut unsettled, mut undirected) = (0, 0, 0);
         // short parts would leave nothing
         let settles = 2 * part.unsettled.iter().filter(|u| **u).count() < part.unsettled.len();
         for (i, m) in part.moments.into_iter().enumerate() {
@@ -180,6 +183,10 @@ impl Session {
             }
             if settles && part.unsettled[i] {
                 unsettled += 1;
+                continue;
+            }
+            if part.undirected[i] {
+                undirected += 1;
                 continue;
             }
             let name = raw.instruments.get(i).map_or("", String::as_str);
@@ -220,7 +227,7 @@ impl Session {
             column.resize(self.readings.len(), f64::NAN);
         }
         if lost > 0 {
-            let of = self.readings.len() - before + lost + unsettled;
+            let of = self.readings.len() - before + lost + unsettled + undirected;
             self.notes.push(Note::new(format!(
                 "{}: {lost} of {of} readings are lost (empty deviation_um)",
                 raw.file
@@ -230,6 +237,12 @@ impl Session {
             self.notes.push(Note::new(format!(
                 "{}: {unsettled} readings within {SETTLED_LAGS} lags of the begin of an uninterrupted part are left out: they depend \
                 on motion that is not recorded",
+                raw.file
+            )));
+        }
+        if undirected > 0 {
+            self.notes.push(Note::new(format!(
+                "{}: readings at the first point ({undirected}) are left out: nothing says which way the axes came to it; columns dir_x .. do",
                 raw.file
             )));
         }
@@ -340,6 +353,7 @@ impl<'a> Part<'a> {
             times,
             velocities,
             unsettled: vec![false; n],
+            undirected: vec![false; n],
         }
     }
 
@@ -378,6 +392,7 @@ impl<'a> Part<'a> {
         for axis in Axis::ALL {
             self.axis(axis, &runs)?;
         }
+        self.mark_undirected(&runs);
         Ok(())
     }
 
@@ -437,6 +452,8 @@ impl<'a> Part<'a> {
         let of_control = raw.instruments.first().is_some_and(|n| is_encoder(n));
         let (mut derived, mut fast_rows, mut any_fast, mut any_circle) =
             (vec![0.0; raw.len()], vec![false; raw.len()], false, false);
+        // where the run before left it, and which way it went
+        let (mut left, mut went) = (f64::NAN, 0.0);
         for run in runs {
             let Run { samples, in_motion, circle, .. } = run;
             // no speed follows from an order
@@ -475,10 +492,14 @@ impl<'a> Part<'a> {
             } else {
                 places
             };
+            let way = reached.first().map_or(0.0, |first| first - left);
+            let came = if way.abs() > motion::MOVED { way.signum() } else { went };
             let travel = match circle {
                 Some(circle) => circle.travel(samples, given.as_deref()),
-                None => motion::travel(run, &reached, given.as_deref()),
+                None => motion::travel(run, &reached, given.as_deref(), came),
             };
+            left = reached.last().copied().unwrap_or(left);
+            went = travel.direction.last().copied().unwrap_or(went);
             for (k, s) in samples.iter().enumerate() {
                 for i in s.first..s.end {
                     let still = moving.is_some_and(|m| m[i] == 0.0);
@@ -530,6 +551,18 @@ impl<'a> Part<'a> {
         let row =
             |s: &motion::Sample| (s.first..s.end).find(|i| along(i) != 0.0 && deviation[*i].is_finite());
         samples.iter().map(|s| row(s).map_or(f64::NAN, |i| -mm_from_um(deviation[i]) / along(&i))).collect()
+    }
+
+    /// On a path with corners the axes come to the first sample of a file from anywhere. A short run cannot do without it.
+    fn mark_undirected(&mut self, runs: &[Run]) {
+        let is_stated = |axis: &Axis| self.raw.column(&format!("dir_{axis}")).is_some();
+        let is_long = |run: &&Run| LITTLE * run.samples.len() as f64 >= 1.0;
+        let first = runs.first().filter(|run| run.has_corners && !run.in_motion).filter(is_long);
+        if let Some(run) = first
+            && !Axis::LINEAR.iter().any(is_stated)
+        {
+            self.undirected[run.samples[0].first..run.samples[0].end].fill(true);
+        }
     }
 
     /// What a lag does depends on the motion before the first sample of a run, which nobody recorded.

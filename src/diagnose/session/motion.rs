@@ -56,6 +56,8 @@ pub(super) struct Run {
     pub(super) samples: Vec<Sample>,
     /// Per sample: no axis is elsewhere than at the sample before.
     pub(super) stays: Vec<bool>,
+    /// Its path has corners, as those of a grid, or of what follows a turning table, have.
+    pub(super) has_corners: bool,
     /// The samples show the path between them.
     pub(super) in_motion: bool,
     /// The circle that the linear axes move along.
@@ -72,9 +74,10 @@ impl Run {
     ) -> Self {
         let samples = samples(t, first, end);
         let stays = stays(&samples, positions);
+        let has_corners = has_corners(&samples, positions);
         let step = median_step(&samples);
         if samples.len() < FEWEST || moves == Moves::Unknown && step > FAST_S {
-            return Self { samples, stays, in_motion: false, circle: None };
+            return Self { samples, stays, has_corners, in_motion: false, circle: None };
         }
         let place = |s: &Sample| {
             let mut place = Vec3::zeros();
@@ -87,7 +90,7 @@ impl Run {
         let in_motion = step <= FAST_S
             || circle.is_some()
             || moves == Moves::Stated && (step <= FAST_MOVING_S || is_smooth(&samples, positions));
-        Self { circle: circle.filter(|_| in_motion), samples, stays, in_motion }
+        Self { circle: circle.filter(|_| in_motion), samples, stays, has_corners, in_motion }
     }
 }
 
@@ -98,6 +101,22 @@ fn stays(samples: &[Sample], positions: &[(Axis, &[f64])]) -> Vec<bool> {
         positions.iter().all(|(_, p)| (p[samples[k].first] - p[samples[before].first]).abs() <= MOVED)
     };
     (0..samples.len()).map(stays).collect()
+}
+
+/// True where the linear axes leave the straight line through the first sample and the one farthest from it.
+fn has_corners(samples: &[Sample], positions: &[(Axis, &[f64])]) -> bool {
+    let Some(first) = samples.first() else { return false };
+    let from_first = |s: &Sample| {
+        let mut from = Vec3::zeros();
+        for (axis, p) in positions.iter().filter(|(axis, _)| axis.is_linear()) {
+            from[axis.slot()] = p[s.first] - p[first.first];
+        }
+        from
+    };
+    let all = || samples.iter().map(from_first);
+    let farthest = all().fold(Vec3::zeros(), |most, p| if p.norm() > most.norm() { p } else { most });
+    let length = farthest.norm();
+    length > MOVED && all().any(|p| p.cross(&farthest).norm() > LITTLE * length * length)
 }
 
 /// Samples from which a motion is derived at least.
@@ -324,9 +343,10 @@ fn is_read_from_both_sides(position: &[f64], i: usize) -> bool {
         && !is_doubled_there
 }
 
-/// Follows one axis through a run, at rest at each sample or in motion; `given` are directions that the file states.
-pub(super) fn travel(run: &Run, position: &[f64], given: Option<&[f64]>) -> Travel {
-    let Run { samples, stays, in_motion, .. } = run;
+/// Follows one axis through a run, at rest at each sample or in motion; `given` are directions that the file states, `came` is the way
+/// that the axis took to the first sample from where the run before left it (0: unknown).
+pub(super) fn travel(run: &Run, position: &[f64], given: Option<&[f64]>, came: f64) -> Travel {
+    let Run { samples, stays, has_corners, in_motion, .. } = run;
     let in_motion = *in_motion;
     let n = samples.len();
     let mut t = Travel::unknown(n);
@@ -337,7 +357,9 @@ pub(super) fn travel(run: &Run, position: &[f64], given: Option<&[f64]>) -> Trav
     let first_move = position.windows(2).map(|w| w[1] - w[0]).find(|d| d.abs() > MOVED);
     let mut direction = match given {
         Some(g) if g.first().is_some_and(|d| *d != 0.0) => g[0].signum(),
-        _ => first_move.map_or(0.0, f64::signum),
+        // a straight line begins with an overrun (standard test cycle), a path with corners where the axes come from
+        _ if *has_corners && !in_motion && came != 0.0 => came,
+        _ => first_move.map_or(came, f64::signum),
     };
     let (mut since, mut start) = (f64::INFINITY, f64::NEG_INFINITY);
     for i in 0..n {

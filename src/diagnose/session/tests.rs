@@ -404,7 +404,7 @@ fn instruments_read_together_are_thinned_together() {
 fn travel(t: &[f64], position: &[f64], other: Option<&[f64]>, in_motion: bool) -> motion::Travel {
     let all = [(Axis::X, position), (Axis::Y, other.unwrap_or(position))];
     let run = motion::Run::of(t, [0, t.len()], &all, motion::Moves::Unknown);
-    motion::travel(&motion::Run { in_motion, circle: None, ..run }, position, None)
+    motion::travel(&motion::Run { in_motion, circle: None, ..run }, position, None, 0.0)
 }
 
 #[test]
@@ -481,6 +481,42 @@ fn an_axis_waits_at_the_end_of_a_line_of_a_grid() {
     let (x, y) = ([0.0, 10.0, 20.0, 20.0, 10.0, 0.0, 0.0, 10.0], [0.0, 0.0, 0.0, 5.0, 5.0, 5.0, 10.0, 10.0]);
     let t: Vec<f64> = (0..x.len()).map(|k| 5.0 * k as f64).collect();
     assert_eq!(travel(&t, &x, Some(&y), false).direction, [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0]);
+    // from where it was before
+    let run = motion::Run::of(&t, [0, t.len()], &[(Axis::X, &x), (Axis::Y, &y)], motion::Moves::Unknown);
+    let direction = |position: &[f64], came: f64| motion::travel(&run, position, None, came).direction;
+    assert_eq!(direction(&x, -1.0)[..3], [-1.0, 1.0, 1.0]);
+    assert_eq!(direction(&y, -1.0), [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+    assert_eq!(direction(&[7.0; 8], -1.0), [-1.0; 8]);
+}
+
+#[test]
+fn the_first_point_of_a_grid_is_left_out_and_an_axis_comes_from_the_run_before() {
+    let grid = |stated: bool| {
+        let mut raw = line();
+        for i in 0..40 {
+            // five lines of four points, to and fro, twice
+            let (row, k) = (i % 20 / 4, i % 4);
+            column(&mut raw, "x_mm")[i] = 100.0 * if row % 2 == 0 { k } else { 3 - k } as f64;
+            column(&mut raw, "run")[i] = 1.0 + (i / 20) as f64;
+        }
+        raw.names.extend(["y_mm".into(), "z_mm".into()]);
+        raw.columns.push((0..40).map(|i| 100.0 * (i % 20 / 4) as f64).collect());
+        raw.columns.push((0..40).map(|i| if i < 20 { 0.0 } else { -50.0 }).collect());
+        if stated {
+            raw.names.push("dir_x".into());
+            raw.columns.push(vec![1.0; 40]);
+        }
+        build(raw).unwrap()
+    };
+    let s = grid(false);
+    assert_eq!(s.readings.len(), 39);
+    assert!(s.notes.iter().any(|n| n.text.contains("first point (1) are left out")));
+    let direction = |i: usize| s.moments[i].direction[..3].to_vec();
+    assert_eq!((direction(2), direction(3)), (vec![1.0, 1.0, 0.0], vec![1.0, 1.0, 0.0]));
+    // from 300 mm back to 0, from 400 mm back to 0, and down, where it stays
+    assert_eq!((direction(19), direction(20)), (vec![-1.0, -1.0, -1.0], vec![1.0, -1.0, -1.0]));
+    assert_eq!(direction(38), [1.0, 1.0, -1.0]);
+    assert_eq!(grid(true).readings.len(), 40);
 }
 
 #[test]

@@ -12,6 +12,8 @@ const ACROSS: [usize; 4] = [2, 3, 5, 8];
 const FEW: usize = 12;
 /// Curves are held beyond so many half ranges of the data.
 const HELD: f64 = 1.2;
+/// Degrees of a polynomial, from 0 on, at most.
+const DEGREES: usize = WIDTH_MAX + 8;
 /// Points of a model's table from one value of a rough curve to the next.
 const BETWEEN: usize = 4;
 
@@ -82,7 +84,7 @@ impl Form for Polynomial {
     }
 
     fn width(&self) -> usize {
-        self.high + 1 - self.low
+        (self.high + 1).saturating_sub(self.low)
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
@@ -97,7 +99,7 @@ impl Form for Polynomial {
     }
 
     fn is_valid(&self) -> bool {
-        self.half_mm > 0.0 && self.low <= self.high && self.centre_mm.is_finite()
+        self.half_mm > 0.0 && self.low <= self.high && self.high < DEGREES && self.centre_mm.is_finite()
     }
 
     fn traits(&self) -> Traits {
@@ -226,6 +228,18 @@ impl Form for RoughCurve {
     fn traits(&self) -> Traits {
         self.curve.form().traits()
     }
+
+    fn columns(&self) -> Vec<String> {
+        self.curve.form().columns()
+    }
+
+    fn drawing(&self) -> Drawing {
+        self.curve.form().drawing()
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        self.curve.form().fixed()
+    }
 }
 
 /// A curve with values of its own in each direction of travel: `d_a = SUM p_k P_k(s) - dir/2 SUM r_k P_k(s)`.
@@ -268,7 +282,10 @@ impl Form for Reverse {
     }
 
     fn is_valid(&self) -> bool {
-        self.half_mm > 0.0 && self.high >= 2 && self.centre_mm.is_finite()
+        self.half_mm > 0.0
+            && self.high >= 2
+            && self.high.max(self.reverse) < DEGREES
+            && self.centre_mm.is_finite()
     }
 
     fn traits(&self) -> Traits {
@@ -277,9 +294,9 @@ impl Form for Reverse {
 }
 
 /// Legendre polynomials of a position up to a degree.
-fn values(m: &MachineState, axis: Axis, centre_mm: f64, half_mm: f64, high: usize) -> [f64; WIDTH_MAX + 8] {
+fn values(m: &MachineState, axis: Axis, centre_mm: f64, half_mm: f64, high: usize) -> [f64; DEGREES] {
     let s = (m.position[axis.slot()] - centre_mm) / half_mm;
-    let mut values = [0.0; WIDTH_MAX + 8];
+    let mut values = [0.0; DEGREES];
     legendre(s.clamp(-HELD, HELD), &mut values[..=high]);
     values
 }

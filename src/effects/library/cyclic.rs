@@ -90,7 +90,7 @@ impl Form for Cyclic {
     }
 
     fn width(&self) -> usize {
-        2 * self.harmonics
+        self.harmonics.saturating_mul(2)
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
@@ -150,7 +150,7 @@ impl Form for RotaryCyclic {
     }
 
     fn width(&self) -> usize {
-        2 * self.harmonics
+        self.harmonics.saturating_mul(2)
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
