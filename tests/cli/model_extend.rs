@@ -198,6 +198,47 @@ fn a_rough_curve_is_its_polynomial_and_a_table() {
     assert!(!out.status.success(), "{}", String::from_utf8_lossy(&out.stdout));
 }
 
+#[test]
+fn degrees_and_constants_out_of_range_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
+    let polynomial = |low: i64, high: i64| {
+        format!(
+            "form = \"polynomial\"\nalong = \"z\"\nover = \"y\"\nlow = {low}\nhigh = {high}\ncentre-mm = 200\nhalf-mm = 200"
+        )
+    };
+    let rough = |curve: &str| {
+        format!(
+            "form = \"rough-curve\"\npositions-mm = [0, 400]\nbeyond-um = [0, 1]\n[effect.shape.curve]\n{curve}"
+        )
+    };
+    let cyclic =
+        "form = \"cyclic\"\naxis = \"y\"\nalong = \"y\"\npitch-mm = 10\nharmonics = 9223372036854775807";
+    let shapes = [
+        polynomial(5, 2),
+        polynomial(41, 60),
+        cyclic.to_owned(),
+        rough(&polynomial(5, 2)),
+        rough(&polynomial(41, 60)),
+        rough(&polynomial(2, 2)).replace("[0, 1]", "[0, nan]"),
+        rough(&polynomial(2, 2)).replace("[0, 1]", "[0, 1, 2]"),
+        rough("form = \"scale\"\naxis = \"y\""),
+    ];
+    for shape in shapes {
+        std::fs::write(
+            dir.path().join("a.toml"),
+            addition("m", &[effect("straightness", "ezy", "6", &shape)]),
+        )
+        .unwrap();
+        let args = ["model", "extend", "--model", "m.toml", "--add", "a.toml", "--out", "n.toml"];
+        let out = volcomp(dir.path(), &args);
+        let said = String::from_utf8_lossy(&out.stderr);
+        // 101 is a panic
+        assert!(!matches!(out.status.code(), Some(0 | 101) | None), "{shape}: {said}");
+        assert!(said.contains("a.toml"), "{shape}: {said}");
+    }
+}
+
 /// A Legendre polynomial of degree n has a slope of n (n + 1) / 2 at the ends of the data, n (n + 1) / 4 spacings of a
 /// table with 200 equal ones.
 #[test]
