@@ -39,7 +39,7 @@ use std::cmp::Ordering;
 use bar_length::{BarLength, BarLengths};
 use constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT, STRONG, SURE};
 use evidence::Comparison;
-use library::{Kind, Library, Without};
+use library::{Kind, Library, Shape, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, RawColumns, Selection};
 use session::{Note, Session};
@@ -530,15 +530,14 @@ fn remainder(
 
 /// Raw columns of some variants, for every row of the session, um per unit of parameter.
 fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64>> {
-    let some = Library {
-        labels: library.labels.clone(),
-        kinds: library.kinds.clone(),
-        variants: chosen.iter().map(|v| library.variants[*v].clone()).collect(),
-        ..Library::default()
-    };
+    raw_of_shapes(session, &chosen.iter().map(|v| &library.variants[*v].shape).collect::<Vec<_>>())
+}
+
+/// The same of some shapes.
+fn raw_of_shapes(session: &Session, shapes: &[&Shape]) -> Vec<Vec<f64>> {
     let rows: Vec<usize> = (0..session.readings.len()).collect();
-    let width = some.width();
-    let data = search::raw_columns(session, &some, &rows);
+    let width = shapes.iter().map(|shape| shape.width()).sum();
+    let data = search::raw(session, &rows, shapes);
     (0..width).map(|j| data.iter().skip(j).step_by(width).copied().collect()).collect()
 }
 

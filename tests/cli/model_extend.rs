@@ -219,6 +219,8 @@ fn degrees_and_constants_out_of_range_are_refused() {
         polynomial(41, 60),
         cyclic.to_owned(),
         rough(&polynomial(5, 2)),
+        rough(cyclic),
+        rough(&rough(cyclic).replace("[effect.shape.curve]", "[effect.shape.curve.curve]")),
         rough(&polynomial(41, 60)),
         rough(&polynomial(2, 2)).replace("[0, 1]", "[0, nan]"),
         rough(&polynomial(2, 2)).replace("[0, 1]", "[0, 1, 2]"),

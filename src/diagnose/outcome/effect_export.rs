@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use super::super::addition::{Addition, Entry, FORMAT};
 use super::super::decision::Assessed;
-use super::super::library::{Library, Shape, Variant};
+use super::super::library::Shape;
 use super::super::moment::{Signal, Source};
 use super::super::noise::all_but;
 use super::super::offsets::{rms, without_offsets};
 use super::super::session::Session;
-use super::super::{Analysis, Options, is_predictable, raw_of};
+use super::super::{Analysis, Options, is_predictable, raw_of, raw_of_shapes};
 use super::rough_curves::RoughCurve;
 
 /// Ranges of the data by column.
@@ -181,16 +181,9 @@ pub(super) fn seen_on(
             }
         }
     }
-    for (place, curve) in rough_curves {
-        let label = a.library.variants[assessed[*place].variant].label;
-        let variants = vec![Variant { label, shape: curve.shape.clone().into() }];
-        let library = Library {
-            labels: a.library.labels.clone(),
-            kinds: a.library.kinds.clone(),
-            variants,
-            ..Library::default()
-        };
-        for (v, beyond) in after.iter_mut().zip(raw_of(fresh, &library, &[0]).last().into_iter().flatten()) {
+    for (_, curve) in rough_curves {
+        let columns = raw_of_shapes(fresh, &[&curve.shape.clone().into()]);
+        for (v, beyond) in after.iter_mut().zip(columns.last().into_iter().flatten()) {
             *v -= beyond * curve.roughness_um;
         }
     }

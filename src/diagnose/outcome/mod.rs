@@ -197,13 +197,14 @@ pub(super) fn conclude(
     let mut columns = Columns { raw, parts, owner, beta, covariance, norm, rough: Vec::new(), left_um2: 0.0 };
     let before = without_offsets(session, &a.gap, &a.used);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
-    let polynomials = columns.left(session, a, |place| assessed[place].is_declared());
+    let is_declared = |place: usize| assessed[place].is_declared();
+    let mut after = columns.left(session, a, is_declared);
     let apart_from_bar = without_offsets(session, &a.without_bar_length(), &a.used);
-    let rough = structured::Rough::beside(session, a, &keep, [rms(&apart_from_bar), rms(&polynomials)]);
+    let rough = structured::Rough::beside(session, a, &keep, [rms(&apart_from_bar), rms(&after)]);
     if rough.named_um.is_some() {
         columns.join_roughness((session, a, &given), &assessed);
+        after = columns.left(session, a, is_declared);
     }
-    let after = columns.left(session, a, |place| assessed[place].is_declared());
     let chosen = columns.left(session, a, |_| true);
     let undeclared_um2 = (rms(&after).powi(2) - rms(&chosen).powi(2)).max(0.0);
     let Columns { raw, parts, owner, beta, covariance, norm, rough: rough_curves, left_um2 } = columns;

@@ -43,11 +43,7 @@ pub(super) fn unexplained(
         a.filter.apply(data, width);
         named.iter().for_each(|noise| noise.turn(data, false));
     };
-    let mut places = if structured || by_proxy || rough_um.is_some() {
-        localise(session, &a.problem, &whiten, left)
-    } else {
-        Vec::new()
-    };
+    let mut places = if is_structured { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
     let of_roughness = rough_um.map_or(0.0, |rough_um| (rough_um / white).powi(2));
     let variance = leftover.variance.max(if by_proxy { proxy } else { 0.0 }).max(of_roughness);
     let drift = drifting.iter().map(|c| a.noise[*c].drift_um).fold(0.0, f64::max);

@@ -32,6 +32,7 @@ pub use low_rank::LowRank;
 pub use pitch_search::find_pitches;
 pub use pivot::{tilt_about_pivots, turn_about_pivots};
 pub use problem::{Given, Problem};
+pub(crate) use raw_columns::raw;
 pub use raw_columns::{RawColumns, raw_columns};
 pub use refine::{one_response_per_axis, refine};
 pub use rival_comparison::{challenge, one_of_two, one_worn_place};

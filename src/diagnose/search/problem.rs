@@ -205,12 +205,9 @@ impl Problem {
     #[must_use]
     pub(super) fn divided(&self, given: &Given, some: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let columns = self.whitened_rows(&given.columns);
-        let products = &columns * some;
-        let (mut out, mut taken) = (some.clone(), products.clone());
-        for ((mut o, mut t), p) in
-            out.column_iter_mut().zip(taken.column_iter_mut()).zip(products.column_iter())
-        {
-            let known = DVector::from_vec(given.factor.solve(p.as_slice()));
+        let (mut out, mut taken) = (some.clone(), &columns * some);
+        for (mut o, mut t) in out.column_iter_mut().zip(taken.column_iter_mut()) {
+            let known = DVector::from_vec(given.factor.solve(t.as_slice()));
             o.gemv_tr(-1.0, &columns, &known, 1.0);
             t.copy_from(&known);
         }

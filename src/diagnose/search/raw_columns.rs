@@ -63,7 +63,7 @@ impl RawColumns {
 }
 
 /// The columns of some shapes, a row of values per reading, um per unit of each parameter.
-pub(super) fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f64> {
+pub(crate) fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f64> {
     let width: usize = shapes.iter().map(|s| s.width()).sum();
     let mut data = vec![0.0; rows.len() * width];
     // what a refined shape reads beyond the signals of the library

@@ -117,6 +117,15 @@ pub(super) fn are_targets(targets_mm: &[f64]) -> bool {
     targets_mm.windows(2).all(|w| w[0] < w[1]) && targets_mm.iter().all(|x| x.is_finite())
 }
 
+/// The upper of the two places about a position, and the share of the way from the lower one to it; held beyond the ends.
+pub(super) fn bracket(places: &[f64], position: f64) -> (usize, f64) {
+    let [Some(low), Some(high)] = [places.first(), places.last()] else { return (1, f64::NAN) };
+    let x = position.clamp(*low, *high);
+    let after = places.partition_point(|p| *p <= x).clamp(1, places.len().max(2) - 1);
+    let between = places.get(after - 1).zip(places.get(after));
+    (after, between.map_or(f64::NAN, |(from, to)| (x - from) / (to - from)))
+}
+
 /// Values at the targets, straight lines between, counted from their least-squares line: a column for each target but the two
 /// at the ends, which the others determine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -173,14 +182,9 @@ pub struct RoughCurve {
 
 impl RoughCurve {
     fn beyond_um(&self, position_mm: f64) -> f64 {
-        let (at, values) = (&self.positions_mm, &self.beyond_um);
-        let next = at.partition_point(|x| *x <= position_mm);
-        let (Some(before), Some(after)) = (next.checked_sub(1), at.get(next)) else {
-            // held beyond the positions
-            return values.get(next.min(values.len().saturating_sub(1))).copied().unwrap_or_default();
-        };
-        let share = (position_mm - at[before]) / (after - at[before]);
-        values[before] + share * (values[next] - values[before])
+        let (after, share) = bracket(&self.positions_mm, position_mm);
+        let [from, to] = [after - 1, after].map(|k| self.beyond_um.get(k).copied().unwrap_or_default());
+        from + share * (to - from)
     }
 }
 
@@ -190,7 +194,7 @@ impl Form for RoughCurve {
     }
 
     fn width(&self) -> usize {
-        self.curve.width() + 1
+        self.curve.width().saturating_add(1)
     }
 
     fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]) {

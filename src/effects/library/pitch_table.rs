@@ -1,6 +1,6 @@
 //! Deviations at the targets of a positioning test as a random process.
 
-use super::curves::{are_targets, coefficients};
+use super::curves::{are_targets, bracket, coefficients};
 use crate::prelude::*;
 
 /// Targets of a table with a value at each.
@@ -134,10 +134,9 @@ impl Contrasts<'_> {
         let t = self.targets;
         let ends = t.first().zip(t.last());
         let x = ends.map_or(f64::NAN, |(low, high)| position.clamp(*low, *high));
-        let after = t.partition_point(|t| *t <= x).clamp(1, t.len().max(2) - 1);
+        let (after, share) = bracket(t, position);
         let centre = t.iter().sum::<f64>() / t.len() as f64;
         (1..=self.width()).map(move |k| {
-            let share = (x - t[after - 1]) / (t[after] - t[after - 1]);
             let [from, to] = [after - 1, after].map(|target| self.at_target(k, target));
             let [mean, slope] = self.reference(k, centre);
             from + share * (to - from) - (mean + slope * (x - centre))
