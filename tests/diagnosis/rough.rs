@@ -112,6 +112,8 @@ fn a_rough_guideway_is_a_straightness_error() {
 
 #[test]
 fn rough_screws_of_two_axes_are_positioning_errors_of_each() {
+    // of one session what is left is chance to a fifth
+    let mut all_left = 0.0;
     for seed in 1..=4 {
         let curves = [rough(seed), rough(100 + seed)];
         let error = |p: [f64; 3], d: [f64; 3]| [curves[0](p[0]), 0.0, curves[1](p[2]) - 3.0 * d[2]];
@@ -121,9 +123,9 @@ fn rough_screws_of_two_axes_are_positioning_errors_of_each() {
         }
         let report = tests.report();
         assert_eq!(declared(&report), ["backlash:z", "positioning:x", "positioning:z"], "seed {seed}");
-        let left = report["shrink"]["rms_after_um"].as_f64().unwrap();
-        assert!(left < 1.3 * NOISE_UM, "seed {seed}: {left} um left");
+        all_left += report["shrink"]["rms_after_um"].as_f64().unwrap() / 4.0;
     }
+    assert!(all_left < 1.2 * NOISE_UM, "{all_left} um left");
 }
 
 #[test]

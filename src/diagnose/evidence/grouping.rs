@@ -1,6 +1,6 @@
 //! Readings that carry the comparison: all of them, or means over short pieces of the path.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::constants::{MANY, ROWS_MAX};
 use super::super::library::STILL;
@@ -34,13 +34,30 @@ fn mostly(m: &Moment) -> i64 {
 }
 
 /// Rows that look and travel alike, in order: only such are averaged.
-fn alike(session: &Session, rows: &[usize], moving: bool, what: Alike) -> Vec<Vec<usize>> {
+struct Class {
+    rows: Vec<usize>,
+    /// An axis moves while some of them are read.
+    is_moving: bool,
+    /// Number of states of the machine at which they were read; of a path each row is one.
+    states: usize,
+}
+
+/// Rows by what they must share.
+fn classes(session: &Session, rows: &[usize], places: &[f64], what: Alike) -> Vec<Class> {
+    let pass = |i: usize| {
+        let r = &session.readings[i];
+        [r.setup, r.run, r.instrument].map(|v| v as i64)
+    };
+    let moves = |i: &&usize| session.moments[**i].velocity.iter().any(|v| v.abs() > STILL);
+    let in_motion: BTreeSet<[i64; 3]> = rows.iter().filter(moves).map(|i| pass(*i)).collect();
     let mut known: BTreeMap<Vec<i64>, usize> = BTreeMap::new();
-    let mut all: Vec<Vec<usize>> = Vec::new();
+    let mut all: Vec<Class> = Vec::new();
     for i in rows {
-        let (r, m) = (&session.readings[*i], &session.moments[*i]);
-        let run = if moving && what != Alike::AcrossRuns { r.run } else { 0 };
-        let mut key = vec![r.setup as i64, run as i64, r.instrument as i64];
+        let m = &session.moments[*i];
+        let [setup, run, instrument] = pass(*i);
+        let is_moving = in_motion.contains(&[setup, run, instrument]);
+        let run = if is_moving && what != Alike::AcrossRuns { run } else { 0 };
+        let mut key = vec![setup, run, instrument, i64::from(is_moving)];
         if what == Alike::Exactly {
             key.extend(m.u.iter().map(|c| (c * 1e4).round() as i64));
         } else {
@@ -50,9 +67,13 @@ fn alike(session: &Session, rows: &[usize], moving: bool, what: Alike) -> Vec<Ve
         let next = known.len();
         let at = *known.entry(key).or_insert(next);
         if at == all.len() {
-            all.push(Vec::new());
+            all.push(Class { rows: Vec::new(), is_moving, states: 0 });
         }
-        all[at].push(*i);
+        all[at].rows.push(*i);
+    }
+    for c in &mut all {
+        let states: BTreeSet<Vec<i64>> = c.rows.iter().map(|i| state(&session.moments[*i], places)).collect();
+        c.states = if c.is_moving { c.rows.len() } else { states.len() };
     }
     all
 }
@@ -62,41 +83,61 @@ fn place(m: &Moment, k: usize) -> f64 {
     m.position.get(k).copied().unwrap_or_else(|| m.u[k - SLOTS])
 }
 
+/// State of the machine at rest, in steps of a ten-thousandth of what is seen and of a thousandth of a mm or N.
+fn state(m: &Moment, places: &[f64]) -> Vec<i64> {
+    let at = (0..places.len()).map(|k| (1e4 * place(m, k) / places[k]).round() as i64);
+    let points = [m.target_mm, m.station_mm, m.reflector_mm, m.lever_mm].into_iter();
+    let rest = points.flat_map(|v| [v.x, v.y, v.z]).chain(m.force_n).chain([m.tool_length_mm, m.range_mm]);
+    at.chain(rest.map(|v| (1e3 * v).round() as i64)).collect()
+}
+
+/// Shares out some `total`: all get as much, but none more than its `most`.
+fn shared_out(most: &[usize], total: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..most.len()).collect();
+    order.sort_by_key(|k| most[*k]);
+    let (mut shares, mut left) = (vec![0; most.len()], total);
+    for (at, k) in order.into_iter().enumerate() {
+        shares[k] = most[k].min(left / (most.len() - at));
+        left -= shares[k];
+    }
+    shares
+}
+
 /// Readings averaged into some [`ROWS_MAX`] groups, at most twice as many or nothing: along the path in position, speed, time and
-/// time since a reversal where an axis moves while it is read, else by place. Never by stride, which would lose the samples under acceleration
-/// that tell a latency from a backlash. The mean of readings is a linear function of them, so that effects are averaged alike
-/// and nothing is biased.
+/// time since a reversal where an axis moves while it is read, else by the state of the machine, then by time. Never by stride, which
+/// would lose the samples under acceleration that tell a latency from a backlash. The mean of readings is a linear function of them,
+/// so that effects are averaged alike and nothing is biased. A class of readings gets a group per state before any gets several: a
+/// capture at rest must not take the targets of a laser their own.
 pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>> {
     let all: Vec<usize> = (0..used.len()).filter(|i| used[*i]).collect();
     if all.len() <= ROWS_MAX {
         return Some(all.into_iter().map(|i| vec![i]).collect());
     }
-    let moving = session.moments.iter().any(|m| m.velocity.iter().any(|v| v.abs() > STILL));
-    let (what, classes) = [Alike::Exactly, Alike::Turning, Alike::AcrossRuns]
-        .map(|what| (what, alike(session, &all, moving, what)))
+    let spans = |turning: bool| -> Vec<f64> {
+        let positions = (0..SLOTS).map(|k| span(session, |m| m.position[k]));
+        // components of a unit vector
+        positions.chain(if turning { vec![2.0; 3] } else { Vec::new() }).collect()
+    };
+    let (places, classes) = [Alike::Exactly, Alike::Turning, Alike::AcrossRuns]
+        .map(|what| {
+            let places = spans(what != Alike::Exactly);
+            let classes = classes(session, &all, &places, what);
+            (places, classes)
+        })
         .into_iter()
         .find(|(_, classes)| classes.len() <= ROWS_MAX)?;
-    let mut places: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.position[k])).collect();
-    if what != Alike::Exactly {
-        // components of a unit vector
-        places.extend([2.0; 3]);
-    }
     let velocity: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.velocity[k])).collect();
     // what friction does decays within readings of a reversal
     let since = |m: &Moment, k: usize| m.since_s[k].ln();
     let turned: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| since(m, k))).collect();
     let time = span(session, |m| m.t_s);
-    let share = ROWS_MAX as f64 / all.len() as f64;
+    let states: Vec<usize> = classes.iter().map(|c| c.states).collect();
+    let first = shared_out(&states, ROWS_MAX);
+    let more: Vec<usize> = classes.iter().map(|c| c.rows.len() - c.states).collect();
+    let more = shared_out(&more, ROWS_MAX - first.iter().sum::<usize>());
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    for rows in classes {
-        let wanted = ((rows.len() as f64 * share).floor() as usize).max(1);
-        let standing = !moving
-            && (0..SLOTS).all(|k| {
-                rows.iter().all(|i| {
-                    (session.moments[*i].position[k] - session.moments[rows[0]].position[k]).abs() < 1e-9
-                })
-            });
-        if moving || standing {
+    for (class, wanted) in classes.into_iter().zip(first.into_iter().zip(more).map(|(a, b)| (a + b).max(1))) {
+        if class.is_moving {
             let step = |a: usize, b: usize| {
                 let (a, b) = (&session.moments[a], &session.moments[b]);
                 let far = |of: &dyn Fn(&Moment, usize) -> f64, spans: &[f64]| -> f64 {
@@ -108,9 +149,9 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>
                     + far(&since, &turned)
                     + (b.t_s - a.t_s).abs() / time
             };
-            along(&rows, wanted, &step, &mut groups);
+            along(&class.rows, wanted, &step, &mut groups);
         } else {
-            split(session, rows, wanted, &places, &mut groups);
+            split(session, class.rows, wanted, &places, &mut groups);
         }
     }
     groups.sort_by_key(|g| g[0]);
@@ -134,10 +175,19 @@ fn along(rows: &[usize], wanted: usize, step: &dyn Fn(usize, usize) -> f64, out:
     out.push(group);
 }
 
-/// Halves rows by place until there are as many groups as wanted.
+/// Halves rows by place, between states of the machine, until there are as many groups as wanted; those of one state by time.
 fn split(session: &Session, rows: Vec<usize>, wanted: usize, places: &[f64], out: &mut Vec<Vec<usize>>) {
     if wanted < 2 || rows.len() < 2 {
         out.push(rows);
+        return;
+    }
+    let states: BTreeMap<Vec<i64>, Vec<usize>> = rows.iter().fold(BTreeMap::new(), |mut all, i| {
+        all.entry(state(&session.moments[*i], places)).or_insert_with(Vec::new).push(*i);
+        all
+    });
+    if states.len() == 1 {
+        let time = |a: usize, b: usize| (session.moments[b].t_s - session.moments[a].t_s).abs();
+        along(&rows, wanted, &time, out);
         return;
     }
     let range = |k: usize| {
@@ -146,15 +196,19 @@ fn split(session: &Session, rows: Vec<usize>, wanted: usize, places: &[f64], out
         (high - low) / places[k]
     };
     let axis = (0..places.len()).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
-    let mut sorted = rows;
-    sorted.sort_by(|a, b| {
-        let at = |i: usize| place(&session.moments[i], axis);
-        at(*a).total_cmp(&at(*b)).then(a.cmp(b))
-    });
-    let half = sorted.split_off(sorted.len() / 2);
-    let first = wanted / 2;
-    split(session, sorted, first, places, out);
-    split(session, half, wanted - first, places, out);
+    let mut sorted: Vec<Vec<usize>> = states.into_values().collect();
+    let at = |state: &[usize]| place(&session.moments[state[0]], axis);
+    sorted.sort_by(|a, b| at(a).total_cmp(&at(b)).then(a[0].cmp(&b[0])));
+    let (low, all) = (sorted.len() / 2, sorted.len());
+    let high = sorted.split_off(low);
+    let first = (wanted * low / all).max(1);
+    let rows = |states: Vec<Vec<usize>>| {
+        let mut rows = states.concat();
+        rows.sort_unstable();
+        rows
+    };
+    split(session, rows(sorted), first, places, out);
+    split(session, rows(high), wanted - first, places, out);
 }
 
 /// White noise of a reading by the second differences of readings that follow each other within a group, in units of the class noise

@@ -13,7 +13,7 @@ use super::super::moment::Axis;
 use super::super::search::raw_columns;
 use super::super::session::Session;
 use super::covariance::{Component, Covariance, Structure};
-use super::gram::{Columns, Gram, Member};
+use super::gram::{Columns, Gram, Member, ROUNDING};
 use super::scales::{self, Rungs, Target};
 use super::sets::{self, Sets};
 use super::tails::points;
@@ -571,10 +571,15 @@ fn shares(
 pub(crate) fn mean_of_members(groups: &[Vec<usize>], data: &[f64], width: usize) -> Vec<f64> {
     let mut rows = data.chunks_exact(width.max(1));
     let mut out = vec![0.0; groups.len() * width];
+    let mut largest = vec![0.0f64; width];
     for (to, group) in out.chunks_exact_mut(width.max(1)).zip(groups) {
+        largest.fill(0.0);
         for row in rows.by_ref().take(group.len()) {
             to.iter_mut().zip(row).for_each(|(t, v)| *t += v / group.len() as f64);
+            largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
         }
+        // what cancels is rounding, no column
+        to.iter_mut().zip(&largest).filter(|(t, l)| t.abs() < ROUNDING * **l).for_each(|(t, _)| *t = 0.0);
     }
     out
 }

@@ -225,6 +225,50 @@ fn readings_that_turn_are_averaged_along_the_path() {
     }
 }
 
+/// A laser at twelve targets beside long captures, at rest and in motion: it keeps its targets, whatever share of the readings it has.
+#[test]
+fn long_captures_do_not_take_the_targets_of_a_laser() {
+    let names: Vec<&str> =
+        "t_s setup run repeat x_mm y_mm u_x u_y u_z deviation_um moving".split(' ').collect();
+    let mut raw = Raw::made_up("campaign", &names);
+    let mut push = |class: &str, setup: f64, k: usize, place: [f64; 2], u: [f64; 3], moving: f64| {
+        let t = setup * 1e4 + k as f64;
+        let row = [t, setup, setup, 0.0, place[0], place[1], u[0], u[1], u[2], (t % 7.0) - 3.0, moving];
+        raw.push(class, raw.lines.len() as u64 + 2, &row);
+    };
+    for k in 0..900 {
+        push("indicator", 0.0, k, [250.0, 100.0], [0.0, 1.0, 0.0], 0.0);
+    }
+    for k in 0..900 {
+        push("scale", 1.0, k, [f64::from(k as u32) * 0.3, 100.0], [1.0, 0.0, 0.0], 1.0);
+    }
+    for k in 0..48 {
+        let x = 45.0 * f64::from([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11][k % 12]);
+        push("laser", 2.0, 2 * k, [x, 100.0], [1.0, 0.0, 0.0], 0.0);
+        push("laser", 2.0, 2 * k + 1, [x, 100.0], [0.0, 1.0, 0.0], 0.0);
+    }
+    let session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+    let n = session.readings.len();
+    let groups = super::grouping::groups(&session, &vec![true; n]).expect("groups");
+    assert!(groups.len() <= 2 * ROWS_MAX && groups.len() > ROWS_MAX / 2, "{}", groups.len());
+    assert_eq!(groups.concat().len(), n);
+    let laser = session.instruments.iter().position(|i| i == "laser").expect("a laser");
+    let x = |i: usize| session.moments[i].position[0];
+    let mut targets = 0;
+    for group in groups.iter().filter(|g| session.readings[g[0]].instrument == laser) {
+        assert!(group.iter().all(|i| (x(*i) - x(group[0])).abs() < 1e-9), "{group:?}");
+        targets += 1;
+    }
+    assert!(targets >= 24, "{targets}");
+}
+
+#[test]
+fn what_means_cancel_is_zero() {
+    let step = 0.1 + 0.2;
+    let data = [0.1, 1.0, 0.2, 1.0, -step, 1.0];
+    assert_eq!(super::mean_of_members(&[vec![4, 5, 6]], &data, 2), [0.0, 1.0]);
+}
+
 #[test]
 fn the_same_input_gives_the_same_answer() {
     let make = || {
