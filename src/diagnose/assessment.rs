@@ -49,7 +49,7 @@ fn assess_one(
     if !is_lag(library, label) && taken.iter().any(|l| is_lag(library, *l)) {
         taken.extend((0..library.labels.len()).filter(|l| is_lag(library, *l)));
     }
-    let gain = |v: usize| rest.gain(v);
+    let gain = rest.gains();
     let ranking = selection.ranked(library, &gain, &taken);
     let shape = &library.variants[variant].shape;
     let with_lines = shape.allows_lines() || library.may_be_a_slope(shape);

@@ -5,20 +5,26 @@
 //! columns D the products are `S_ce + B_Dc' V_DD^-1 B_De`, and with the gap `b_c + B_Dc' V_DD^-1 beta_D` (block inverse). A column that
 //! stays and depended on D takes its own direction out of that.
 
+use nalgebra::{DMatrix, DVectorView};
 use rayon::prelude::*;
 
 use super::super::constants::DEGENERATE;
-use super::pivoted_cholesky::{Factor, Rest, dot};
+use super::pivoted_cholesky::{Factor, dot};
 use super::problem::{Given, Problem};
 use super::select::others;
+
+/// Columns that one processor takes at a time.
+const TOGETHER: usize = 256;
 
 /// The effects chosen, all of them in.
 pub(crate) struct Joint {
     chosen: Vec<usize>,
     pub(super) given: Given,
-    /// Of each variant what is left beside all that is in, with the coefficients of its columns on those that are in.
-    each: Vec<Rest>,
-    inverse: Vec<f64>,
+    /// Coefficients of each column on those that are in, a column each.
+    with: DMatrix<f64>,
+    /// Of each variant the products of its columns with each other (row by row) and with the gap, beside all that is in.
+    each: Vec<(Vec<f64>, Vec<f64>)>,
+    inverse: DMatrix<f64>,
     pub(super) beta: Vec<f64>,
 }
 
@@ -32,16 +38,39 @@ impl Joint {
     /// Of variants (prepared).
     pub(super) fn of(problem: &Problem, chosen: &[usize]) -> Self {
         let given = problem.given(chosen);
-        let of = |variant: usize| {
-            let mut rest = problem.rest(&given, variant);
-            rest.with
-                .chunks_exact_mut(given.columns.len().max(1))
-                .for_each(|with| given.factor.backward(with));
-            rest
+        let lower = given.factor.inverse_lower();
+        let upper = lower.transpose();
+        let own = problem.products_with(&given);
+        let parts: Vec<[DMatrix<f64>; 2]> = (0..own.ncols())
+            .into_par_iter()
+            .step_by(TOGETHER)
+            .map(|at| {
+                let half = &lower * own.columns(at, TOGETHER.min(own.ncols() - at));
+                let with = &upper * &half;
+                [half, with]
+            })
+            .collect();
+        let whole = |k: usize| {
+            let data = parts.iter().flat_map(|part| part[k].as_slice()).copied().collect();
+            DMatrix::from_vec(own.nrows(), own.ncols(), data)
         };
-        let each = (0..problem.span.len()).into_par_iter().map(of).collect();
-        let (inverse, beta) = (given.factor.inverse(), problem.fit(&given));
-        Self { chosen: chosen.to_vec(), given, each, inverse, beta }
+        let (half, with) = (whole(0), whole(1));
+        let beta = problem.fit(&given);
+        let of = |variant: usize| {
+            let (mut g, mut b) = (problem.own[variant].clone(), Vec::new());
+            let columns = problem.columns(variant);
+            let k = columns.len();
+            for (i, c) in columns.clone().enumerate() {
+                for (j, other) in columns.clone().enumerate().take(i + 1) {
+                    g[i * k + j] -= half.column(c).dot(&half.column(other));
+                    g[j * k + i] = g[i * k + j];
+                }
+                b.push(problem.b[c] - dot(own.column(c).as_slice(), &beta));
+            }
+            (g, b)
+        };
+        let each = (0..problem.span.len()).into_par_iter().with_min_len(TOGETHER).map(of).collect();
+        Self { chosen: chosen.to_vec(), each, with, inverse: upper * lower, beta, given }
     }
 
     /// The same once other variants are chosen.
@@ -53,7 +82,7 @@ impl Joint {
 
     /// Drop of the sum of squares by a variant beside all that is in, and the number of its independent columns.
     pub(super) fn gain(&self, problem: &Problem, variant: usize) -> (f64, usize) {
-        let Rest { g, b, .. } = &self.each[variant];
+        let (g, b) = &self.each[variant];
         problem.gain_in(variant, g, b)
     }
 
@@ -61,11 +90,10 @@ impl Joint {
     pub(crate) fn without<'a>(&'a self, problem: &'a Problem, places: &[usize]) -> Without<'a> {
         let is_out = |c: &usize| places.iter().any(|p| problem.columns(self.chosen[*p]).contains(c));
         let columns = self.given.columns.iter().zip(self.given.factor.kept()).enumerate();
-        let all = self.beta.len();
         let out: Vec<usize> =
             columns.clone().filter(|(_, (c, kept))| **kept && is_out(c)).map(|(i, _)| i).collect();
         let m = out.len();
-        let block: Vec<f64> = (0..m * m).map(|k| self.inverse[out[k / m] * all + out[k % m]]).collect();
+        let block: Vec<f64> = (0..m * m).map(|k| self.inverse[(out[k / m], out[k % m])]).collect();
         let full: Vec<f64> = (0..m).map(|i| block[i * m + i]).collect();
         let mut without = Without {
             joint: self,
@@ -77,12 +105,8 @@ impl Joint {
             out,
         };
         // a column that depended on those that are out says again what it can of theirs
-        let on = |v: &usize| self.each[*v].with.chunks_exact(all.max(1));
-        for ((_, (c, kept)), on) in columns.zip(self.chosen.iter().flat_map(on)) {
-            if *kept || is_out(c) {
-                continue;
-            }
-            let mut back = without.back(on);
+        for (_, (c, _)) in columns.filter(|(_, (c, kept))| !**kept && !is_out(c)) {
+            let mut back = without.back(self.with.column(*c).as_slice());
             let square = dot(&back, &back);
             if square > DEGENERATE {
                 back.iter_mut().for_each(|v| *v /= square.sqrt());
@@ -122,13 +146,31 @@ impl Without<'_> {
 
     /// Drop of the sum of squares by a variant beside the effects that stay, and the number of its independent columns.
     pub(crate) fn gain(&self, variant: usize) -> (f64, usize) {
-        let Rest { with, g, b } = &self.joint.each[variant];
-        let back: Vec<Vec<f64>> =
-            with.chunks_exact(self.joint.beta.len().max(1)).map(|on| self.back(on)).collect();
+        let columns = self.problem.columns(variant);
+        let back: Vec<Vec<f64>> = columns.map(|c| self.back(self.joint.with.column(c).as_slice())).collect();
+        self.gain_of(variant, |i| &back[i])
+    }
+
+    /// The same of any variant; what comes back of all columns is computed at once.
+    pub(crate) fn gains(&self) -> impl Fn(usize) -> (f64, usize) + Sync {
+        let mut back = self.factor.inverse_lower() * self.joint.with.select_rows(&self.out);
+        for direction in &self.spanned {
+            let direction = DVectorView::from_slice(direction, direction.len());
+            let along = back.tr_mul(&direction);
+            back.ger(-1.0, &direction, &along, 1.0);
+        }
+        move |variant| {
+            let (at, _) = self.problem.span[variant];
+            let m = self.out.len();
+            self.gain_of(variant, |i| &back.as_slice()[(at + i) * m..][..m])
+        }
+    }
+
+    fn gain_of<'b>(&self, variant: usize, back: impl Fn(usize) -> &'b [f64]) -> (f64, usize) {
+        let (g, b) = &self.joint.each[variant];
         let k = b.len();
-        let product = |n: usize| g[n] + dot(&back[n / k], &back[n % k]);
-        let g: Vec<f64> = (0..k * k).map(product).collect();
-        let b: Vec<f64> = b.iter().zip(&back).map(|(b, r)| b + dot(r, &self.of_gap)).collect();
+        let g: Vec<f64> = (0..k * k).map(|n| g[n] + dot(back(n / k), back(n % k))).collect();
+        let b: Vec<f64> = b.iter().enumerate().map(|(i, b)| b + dot(back(i), &self.of_gap)).collect();
         self.problem.gain_in(variant, &g, &b)
     }
 }
@@ -166,8 +208,10 @@ mod tests {
             assert_eq!(!rest.spanned.is_empty(), comes_back, "{out:?}");
             let others: Vec<usize> = chosen.into_iter().filter(|v| !out.contains(v)).collect();
             assert_eq!(rest.others, others);
+            let gains = rest.gains();
             for v in chosen {
                 let ((gain, rank), (wanted, of)) = (rest.gain(v), problem.gain_beside(&others, v));
+                assert!((gains(v).0 - gain).abs() < 1e-9 * (1.0 + gain) && gains(v).1 == rank, "{out:?} {v}");
                 assert!(
                     (gain - wanted).abs() < 1e-9 * (1.0 + wanted) && rank == of,
                     "{out:?} {v}: {gain} {wanted}"

@@ -1,9 +1,10 @@
 //! Small symmetric systems whose columns may depend on each other: a Cholesky decomposition that leaves out what is
 //! already spanned.
 
-use nalgebra::DVectorView;
+use nalgebra::{DMatrix, DVectorView};
 
 use super::super::constants::DEGENERATE;
+use super::super::dense::{inverse_lower, product};
 
 /// A decomposition `G = L L'` of the independent columns.
 #[derive(Debug, Clone, Default)]
@@ -87,24 +88,27 @@ impl Factor {
         self.forward(b).iter().map(|v| v * v).sum()
     }
 
-    /// `G^-1`, row by row.
-    pub(super) fn inverse(&self) -> Vec<f64> {
-        let n = self.n;
-        let mut out = vec![0.0; n * n];
-        for (j, _) in self.rows() {
-            let mut e = vec![0.0; n];
-            e[j] = 1.0;
-            // symmetric: a row is a column
-            out[j * n..][..n].copy_from_slice(&self.solve(&e));
+    /// `L^-1`; rows and columns of what was left out are zero.
+    pub(super) fn inverse_lower(&self) -> DMatrix<f64> {
+        let kept: Vec<usize> = self.rows().map(|(i, _)| i).collect();
+        let small = DMatrix::from_fn(kept.len(), kept.len(), |i, j| self.l[kept[i] * self.n + kept[j]]);
+        let inverse = inverse_lower(&small);
+        let mut out = DMatrix::zeros(self.n, self.n);
+        for (j, to) in kept.iter().enumerate() {
+            (j..kept.len()).for_each(|i| out[(kept[i], *to)] = inverse[(i, j)]);
         }
         out
+    }
+
+    /// `G^-1`, row by row.
+    pub(super) fn inverse(&self) -> Vec<f64> {
+        let lower = self.inverse_lower();
+        product(&lower, &lower).as_slice().to_vec()
     }
 }
 
 /// What is left of some columns beside decomposed ones.
 pub(super) struct Rest {
-    /// `L^-1` times the products of each of the columns with the decomposed ones, one column after the other.
-    pub with: Vec<f64>,
     /// Products of the columns with each other, row by row.
     pub g: Vec<f64>,
     /// Products with the gap.
@@ -112,7 +116,7 @@ pub(super) struct Rest {
 }
 
 impl Rest {
-    /// From the products of the columns with the decomposed ones, with each other and with the gap; `z` is `L^-1` times the products of
+    /// From the products of the columns with the decomposed ones (one column after the other), with each other and with the gap; `z` is `L^-1` times the products of
     /// the decomposed ones with the gap.
     pub(super) fn new(
         factor: &Factor,
@@ -131,7 +135,7 @@ impl Rest {
             }
             b[i] -= dot(column(i), z);
         }
-        Self { with, g, b }
+        Self { g, b }
     }
 }
 

@@ -270,6 +270,13 @@ impl Problem {
         Rest::new(&given.factor, &given.z, with, self.own[variant].clone(), b)
     }
 
+    /// Products of all columns with those that are in, a column each.
+    pub(super) fn products_with(&self, given: &Given) -> DMatrix<f64> {
+        let mut rows: Vec<f64> = Vec::with_capacity(given.columns.len() * self.norm.len());
+        given.chosen.iter().filter_map(|v| self.cross.get(v)).for_each(|p| rows.extend(p.as_slice()));
+        DMatrix::from_row_slice(given.columns.len(), self.norm.len(), &rows)
+    }
+
     /// Parameters of the chosen variants, in the whitened scale, in the order of their columns.
     #[must_use]
     pub fn fit(&self, given: &Given) -> Vec<f64> {

@@ -47,7 +47,7 @@ fn rival(
     let mut not: Vec<usize> = rest.others.iter().map(|v| library.variants[*v].label).collect();
     not.push(library.variants[own].label);
     let rivals: Vec<usize> = selection
-        .ranked(library, &|v| rest.gain(v), &not)
+        .ranked(library, &rest.gains(), &not)
         .into_iter()
         .filter(|f| {
             let shape = &library.variants[f.variant].shape;

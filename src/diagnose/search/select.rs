@@ -293,7 +293,7 @@ impl Selection {
                     let (rest, own) = (joint.without(problem, &[place]), self.chosen[place]);
                     let labels = labels(library, &rest.others);
                     let now = self.brings(library, own, rest.gain(own)).evidence;
-                    let best = self.ranked(library, &|v| rest.gain(v), &labels).first().copied()?;
+                    let best = self.ranked(library, &rest.gains(), &labels).first().copied()?;
                     (best.evidence > now + SWAP_GAIN && best.variant != own).then_some((place, best.variant))
                 };
                 let places = (first..self.chosen.len()).into_par_iter();
@@ -319,7 +319,7 @@ impl Selection {
             let (rest, first, second) = (joint.without(problem, &[a, b]), self.chosen[a], self.chosen[b]);
             let now = self.brings(library, first, rest.gain(first)).evidence + last[b];
             let labels = labels(library, &rest.others);
-            let best = self.ranked(library, &|v| rest.gain(v), &labels).first().copied()?;
+            let best = self.ranked(library, &rest.gains(), &labels).first().copied()?;
             let is_one = best.evidence > now
                 || best.evidence > NEARLY * now && problem.cosine(&joint.given, [first, second]) < -NEARLY;
             is_one.then(|| [&rest.others[..], &[best.variant]].concat())
