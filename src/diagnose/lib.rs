@@ -296,7 +296,7 @@ fn likelier_from_ball_zero(
     };
     let now = score(problem, library, selection);
     let (mut library, mut selection) = (library.clone(), selection.clone());
-    let mut raw_from_zero = RawColumns::default();
+    let mut raw_from_zero = raw.from_ball_zero(session);
     let mut problem = Problem::next(session, &library, &mut raw_from_zero, filter, &session.gap(), white);
     problem.prepare(&selection.chosen);
     selection.merge(&mut problem, &library);

@@ -10,6 +10,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use super::super::Analysis;
 use super::super::constants::SEES;
 use super::super::decision::Assessed;
+use super::super::dense::product;
 use super::super::forecast::{Contributions, folds, minus};
 use super::super::library::{Shape, Variant, WIDTH_MAX, forms};
 use super::super::moment::Moment;
@@ -125,7 +126,7 @@ impl Posterior {
         let turned = problem.turned(&roughness.waves);
         let columns = problem.whitened_rows(&given.columns);
         let left = &problem.y - columns.tr_mul(&DVector::from_column_slice(beta));
-        let weighted = turned.tr_mul(&turned);
+        let weighted = product(&turned, &turned);
         Self {
             mean: variance.component_mul(&turned.tr_mul(&left)),
             folds: without_folds(a, given, roughness, fold_fits),
@@ -165,7 +166,7 @@ fn without_folds(
         let kept: Vec<usize> = kept.collect();
         let left = (gap - columns.tr_mul(fit)).select_rows(&kept);
         let waves = waves.select_rows(&kept);
-        let mut normal = waves.tr_mul(&waves);
+        let mut normal = product(&waves, &waves);
         normal.set_diagonal(&(normal.diagonal() + &precision));
         let factor = Cholesky::new(normal);
         factor.map_or_else(|| DVector::zeros(waves.ncols()), |factor| factor.solve(&waves.tr_mul(&left)))

@@ -3,6 +3,8 @@
 use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView, SymmetricEigen};
 use rayon::prelude::*;
 
+use super::super::dense;
+
 /// Least variance of a direction that changes anything, 1 is the noise.
 pub(super) const TELLS: f64 = 0.01;
 
@@ -24,7 +26,7 @@ impl LowRank {
     pub(super) fn of(columns: &DMatrix<f64>, sizes: &[f64]) -> Self {
         let mut columns = columns.clone();
         columns.column_iter_mut().zip(sizes).for_each(|(mut column, size)| column *= *size);
-        let eigen = SymmetricEigen::new(columns.tr_mul(&columns));
+        let eigen = SymmetricEigen::new(dense::product(&columns, &columns));
         let all = eigen.eigenvalues;
         let kept: Vec<usize> = (0..all.len()).filter(|k| all[*k] > TELLS).collect();
         let mut basis = columns * eigen.eigenvectors.select_columns(&kept);
@@ -54,7 +56,7 @@ impl LowRank {
     pub(crate) fn turn(&self, data: &mut [f64], back: bool) {
         let rows = self.basis.nrows();
         let mut columns = DMatrixView::from_slice(data, data.len() / rows.max(1), rows).transpose();
-        let mut along = self.basis.tr_mul(&columns);
+        let mut along = dense::product(&self.basis, &columns);
         let change = self.change(back);
         along.column_iter_mut().for_each(|mut a| a.component_mul_assign(&change));
         columns.gemm(1.0, &self.basis, &along, 1.0);

@@ -60,6 +60,20 @@ impl RawColumns {
         }
         self.data.clone()
     }
+
+    /// The same once some readings count from the zero of a ball: those of all others are known.
+    #[must_use]
+    pub fn from_ball_zero(&self, session: &Session) -> Self {
+        let mut from_zero = self.clone();
+        let shapes: Vec<&Shape> = self.shapes.iter().collect();
+        let width: usize = shapes.iter().map(|s| s.width()).sum();
+        let counts = |i: &usize| session.ball_zero.as_ref().is_some_and(|z| z.at(*i).is_some());
+        let rows: Vec<usize> = self.rows.iter().copied().filter(counts).collect();
+        let changed = raw(session, &rows, &shapes);
+        let all = from_zero.data.chunks_exact_mut(width.max(1)).zip(&self.rows).filter(|(_, i)| counts(i));
+        all.zip(changed.chunks_exact(width.max(1))).for_each(|((row, _), new)| row.copy_from_slice(new));
+        from_zero
+    }
 }
 
 /// The columns of some shapes, a row of values per reading, um per unit of each parameter.

@@ -6,6 +6,7 @@
 use nalgebra::{Cholesky, DMatrix};
 
 use super::super::constants::STRONG;
+use super::super::dense::product;
 use super::super::library::Library;
 use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
@@ -50,7 +51,7 @@ impl<'a> Sets<'a> {
         }
         let mut all = problem.whitened_rows(&rows).insert_row(at, 0.0);
         all.row_mut(at).copy_from(&problem.y.transpose());
-        let (own, with, among) = (&all * all.transpose(), &all * columns, columns.tr_mul(columns));
+        let (own, with, among) = (&all * all.transpose(), &all * columns, product(columns, columns));
         Self { selection, library, span, own, with, among }
     }
 

@@ -7,6 +7,7 @@
 //! Source: discrepancy as a process beside parameters (Kennedy, O'Hagan); `docs/explanation/diagnosis.md` (variation).
 
 use super::super::constants::{DEGENERATE, STRONG};
+use super::super::dense::product;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::super::library::legendre;
@@ -225,7 +226,7 @@ impl Left {
         let beta = problem.fit(&given);
         let left = &problem.y - problem.contribution(&given.columns, &beta);
         let own = problem.beside(&given, products);
-        let (gram, seen) = (own.tr_mul(&own), own.tr_mul(&left));
+        let (gram, seen) = (product(&own, &own), own.tr_mul(&left));
         let noise = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
         Self::of(gram, seen, noise)
     }
