@@ -17,7 +17,8 @@ const WIDEN: f64 = 1.25;
 
 /// What some columns contribute to every reading of the session, um, fitted without the reading's own fold.
 pub(super) struct Contributions {
-    /// Per column of the selection, in its order; per row of the session, fitted on other folds.
+    /// Per column of the selection, in its order; per row of the session, fitted on other folds, without the offsets that the set-ups
+    /// have with that fit: each fold has its own.
     pub(super) held_out: Vec<Vec<f64>>,
     /// The same with the fit to all readings.
     pub(super) in_sample: Vec<Vec<f64>>,
@@ -32,7 +33,7 @@ pub(super) fn contributions(
     problem: &Problem,
     columns: &[usize],
     beta: &[f64],
-    raw: &[Vec<f64>],
+    (raw, used): (&[Vec<f64>], &[bool]),
 ) -> Contributions {
     let n = columns.len();
     if n == 0 {
@@ -66,7 +67,10 @@ pub(super) fn contributions(
         if norm > 0.0 { b / norm } else { 0.0 }
     };
     let held_out = (0..n)
-        .map(|j| raw[j].iter().enumerate().map(|(i, v)| v * scaled(j, fits[fold[i]][j])).collect())
+        .map(|j| {
+            let own = without_offsets(session, &raw[j], used).into_iter().enumerate();
+            own.map(|(i, v)| if used[i] { v * scaled(j, fits[fold[i]][j]) } else { 0.0 }).collect()
+        })
         .collect();
     let in_sample = (0..n).map(|j| raw[j].iter().map(|v| v * scaled(j, beta[j])).collect()).collect();
     Contributions { held_out, in_sample, folds: fits }

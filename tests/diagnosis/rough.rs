@@ -33,6 +33,8 @@ fn rough(seed: u64) -> impl Fn(f64) -> f64 {
 /// Lines there and back three times, each a set-up of its own with an offset.
 pub(crate) struct Lines {
     text: String,
+    /// The middle of all lines, mm.
+    pub(crate) middle_mm: [f64; 3],
     noise: Box<dyn FnMut() -> f64>,
     setup: u32,
     run: u32,
@@ -42,7 +44,14 @@ pub(crate) struct Lines {
 impl Lines {
     pub(crate) fn new(seed: u64) -> Self {
         let text = "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,dir_x,dir_y,dir_z,moving,u_x,u_y,u_z,deviation_um\n";
-        Self { text: text.to_owned(), noise: Box::new(normal(seed)), setup: 0, run: 0, t_s: 0.0 }
+        Self {
+            text: text.to_owned(),
+            middle_mm: [0.0; 3],
+            noise: Box::new(normal(seed)),
+            setup: 0,
+            run: 0,
+            t_s: 0.0,
+        }
     }
 
     /// From `-end` to `end` and back, measured along `u`; `error` of position and direction of travel, um.
@@ -67,6 +76,7 @@ impl Lines {
                     ];
                     let e: f64 = error(p, d).iter().zip(u).map(|(e, u)| e * u).sum();
                     let deviation = e + offset + NOISE_UM * (self.noise)();
+                    let p: [f64; 3] = core::array::from_fn(|k| p[k] + self.middle_mm[k]);
                     writeln!(
                         self.text,
                         "{:.1},laser,{},{},{repeat},{:.3},{:.3},{:.3},{},{},{},0,{:.9},{:.9},{:.9},{deviation:.2}",

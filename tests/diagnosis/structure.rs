@@ -67,3 +67,25 @@ fn an_effect_beside_smooth_structure_is_named_alone_and_does_not_explain_the_gap
         assert!(notes.iter().any(|n| n.as_str().unwrap().starts_with("discrepancy: ")), "seed {seed}");
     }
 }
+
+/// What a set-up takes as its offset is no error of a forecast, however far the zero of the machine lies from the travel.
+#[test]
+fn a_forecast_does_not_depend_on_the_zero_of_the_machine() {
+    for seed in 1..=3 {
+        let left_um = [0.0, 5000.0].map(|far_mm| {
+            let mut lines = Lines::new(seed);
+            lines.middle_mm = [far_mm; 3];
+            for axis in 0..3 {
+                let end = core::array::from_fn(|k| if k == axis { HALF_MM } else { 0.0 });
+                let u = end.map(|v: f64| v / HALF_MM);
+                lines.line(end, u, 9, &|p, _| [0.02 * p[0], 0.0, 0.0]);
+            }
+            let report = lines.report();
+            assert_eq!(declared(&report), ["scale:x"], "seed {seed} at {far_mm} mm");
+            report["shrink"]["rms_after_um"].as_f64().unwrap()
+        });
+        let [near, far] = left_um;
+        assert!((far - near).abs() < 0.02 * near, "seed {seed}: {left_um:?}");
+        assert!(near < 1.2 * NOISE_UM, "seed {seed}: {left_um:?}");
+    }
+}

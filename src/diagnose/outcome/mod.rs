@@ -171,7 +171,7 @@ pub(super) fn conclude(
     let given = a.problem.given(&a.selection.chosen);
     let beta = a.problem.fit(&given);
     let raw = raw_of(session, &a.library, &a.selection.chosen);
-    let mut parts = contributions(session, &a.problem, &given.columns, &beta, &raw);
+    let mut parts = contributions(session, &a.problem, &given.columns, &beta, (&raw, &a.used));
     if a.comparison.is_some() {
         // few readings: a fold takes the places away that only its own columns see; the posterior states the uncertainty
         parts.held_out.clone_from(&parts.in_sample);

@@ -89,7 +89,8 @@ impl Columns {
             for (h, wave) in (k * WAVES..(k + 1) * WAVES).enumerate() {
                 let raw: Vec<f64> = seen.iter().map(|s| s.as_ref().map_or(0.0, |s| s[h])).collect();
                 self.parts.in_sample.push(raw.iter().map(|v| v * fit.mean[wave]).collect());
-                let held_out = raw.iter().zip(&fold).map(|(v, f)| v * fit.folds[*f][wave]);
+                let own = without_offsets(session, &raw, &a.used).into_iter().zip(&fold);
+                let held_out = own.map(|(v, f)| if v.is_nan() { 0.0 } else { v * fit.folds[*f][wave] });
                 self.parts.held_out.push(held_out.collect());
                 self.raw.push(raw);
                 self.owner.push(place);
