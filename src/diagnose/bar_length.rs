@@ -3,8 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use super::constants::SIGNIFICANT;
-use super::library::{Library, Shape};
+use super::constants::{HALF, LITTLE, SIGNIFICANT};
+use super::decision::Assessed;
+use super::library::{Label, Library, Shape};
 use super::moment::Moment;
 use super::session::Session;
 use super::{Analysis, contributions_um};
@@ -81,4 +82,22 @@ fn standing_out_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap<us
         length_um.abs() > SIGNIFICANT * noise.white_um.hypot(noise.drift_um)
     });
     stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())
+}
+
+/// Marks a length that is no more than half a step of the readings as not told from the step: a display that cuts its readings, and
+/// does not round them, makes all of them too small by that much. `part_um` is what an effect contributes to each reading.
+pub(super) fn mark_cuts(
+    session: &Session,
+    a: &Analysis,
+    assessed: &mut [Assessed],
+    part_um: impl Fn(usize) -> Vec<f64>,
+) {
+    let is_length = |x: &Assessed| setups_of(&a.library, x.variant).is_some();
+    for (place, x) in assessed.iter_mut().enumerate().filter(|(_, x)| is_length(x)) {
+        let all = session.moments.iter().zip(&session.readings).zip(part_um(place));
+        let mut of_ballbar = all.filter(|((m, _), _)| m.is_ballbar);
+        if of_ballbar.all(|((_, r), um)| um.abs() <= (HALF + LITTLE) * a.lattice_um[r.instrument]) {
+            x.same.push(Label::new("quantisation", ""));
+        }
+    }
 }

@@ -30,11 +30,11 @@ mod prediction_interval;
 pub mod report;
 mod residual_structure;
 pub mod search;
+mod searched;
 pub mod session;
+mod slow_causes;
 mod spatial_variation;
 mod stochastic;
-
-use std::cmp::Ordering;
 
 use bar_length::{BarLength, BarLengths};
 use constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT, STRONG, SURE};
@@ -42,6 +42,7 @@ use evidence::Comparison;
 use library::{Kind, Library, Shape, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, RawColumns, Selection};
+use searched::Searched;
 use session::{Note, Session};
 
 pub use next::Dialect;
@@ -200,31 +201,18 @@ fn analyse(
     }
     // the search weighs all columns alike: of the processes that have the same columns one stands for all
     library.variants.retain(|v| !v.shape.is_process() || v.shape.is_plain_table());
-    let by_label = library.by_label();
-    let grid: Vec<usize> = by_label.iter().map(Vec::len).collect();
     let mut round = 0;
     loop {
-        tell(0.1 + 0.25 * round as f64, "columns of all effects");
-        let filter = Filter::new(session, &class_noise, &used);
-        let white: Vec<f64> = class_noise.iter().map(|c| c.white_um).collect();
-        let mut problem = Problem::next(session, &library, raw, &filter, &gap, &white);
-        let is_plain = ablation == Ablation::Plain;
-        let threshold =
-            if is_plain { 0.0 } else { search::threshold(&problem, &library, &grid, options.seed) };
-        tell(0.2 + 0.25 * round as f64, "search for causes");
-        let mut selection =
-            Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
-        spatial_variation::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
+        tell(0.1 + 0.25 * round as f64, "search for causes");
+        let mut found = Searched::under(session, &mut library, raw, (&class_noise, &used, &gap), options);
         round += 1;
-        if round == 1
-            && likelier_from_ball_zero(session, &mut problem, raw, (&library, &selection), (&filter, &white))
-        {
+        if round == 1 && found.is_likelier_from_ball_zero(session, raw, &library, &class_noise) {
             return analyse(session, options, lattice_um, raw, tell);
         }
-        let left = remainder(session, &problem, &library, &selection, &gap);
-        let is_judged = !is_plain && !problem.precise && round < ROUNDS;
-        let further = if is_judged {
-            noise::off_the_fit(session, &filter, &left, lattice_um, (&class_noise, &used))
+        let left = remainder(session, &found.problem, &library, &found.selection, &gap);
+        let is_judged = !found.selection.is_plain && !found.problem.precise;
+        let further = if is_judged && round < ROUNDS {
+            noise::off_the_fit(session, &found.filter, &left, lattice_um, (&class_noise, &used))
         } else {
             Vec::new()
         };
@@ -238,18 +226,25 @@ fn analyse(
         let settled = further.is_empty() && class_noise.iter().zip(&next).all(|(a, b)| alike(a, b));
         if settled || round >= ROUNDS {
             // the control's own encoders see the servo, which depends on no place
-            if !is_plain && !problem.precise {
+            if is_judged {
+                let known = (&next[..], &used[..], &gap[..]);
+                if let Some(quieter) =
+                    found.with_slow_cause(session, &mut library, raw, known, (&left, lattice_um), options)
+                {
+                    class_noise = quieter;
+                }
                 tell(0.8, "structure over the volume");
-                let least_um = white.iter().copied().fold(f64::INFINITY, f64::min);
+                let least_um = class_noise.iter().map(|c| c.white_um).fold(f64::INFINITY, f64::min);
                 spatial_variation::allow_for_structure(
-                    &mut problem,
+                    &mut found.problem,
                     session,
-                    &filter,
+                    &found.filter,
                     &mut library,
-                    &mut selection,
+                    &mut found.selection,
                     least_um,
                 );
             }
+            let Searched { filter, problem, mut selection } = found;
             let blind = problem.unseen(&library);
             library.blind.extend(blind);
             let pruned = if ablation.has_gates() {
@@ -262,7 +257,7 @@ fn analyse(
                 problem,
                 filter,
                 selection,
-                reading_um: white,
+                reading_um: class_noise.iter().map(|c| c.white_um).collect(),
                 noise: class_noise,
                 used,
                 outlying,
@@ -274,54 +269,6 @@ fn analyse(
             };
         }
         class_noise = next;
-    }
-}
-
-/// Counts all that the ball of an R-test shows from where the ball was centred, where that says more of the gap than the state at
-/// each row does, for which `problem` and the selection stand; true where it does so from now on.
-fn likelier_from_ball_zero(
-    session: &mut Session,
-    problem: &mut Problem,
-    raw: &mut RawColumns,
-    (library, selection): (&Library, &Selection),
-    (filter, white): (&Filter, &[f64]),
-) -> bool {
-    if selection.is_plain || !session.count_from_ball_zero() {
-        return false;
-    }
-    let score = |problem: &mut Problem, library: &Library, selection: &Selection| {
-        // what is left beyond the noise, and the price of the causes
-        let left = problem.y.norm_squared() - problem.len() as f64 - selection.evidence(problem, library);
-        (left, selection.chosen.len())
-    };
-    let now = score(problem, library, selection);
-    let (mut library, mut selection) = (library.clone(), selection.clone());
-    let mut raw_from_zero = raw.from_ball_zero(session);
-    let mut problem = Problem::next(session, &library, &mut raw_from_zero, filter, &session.gap(), white);
-    problem.prepare(&selection.chosen);
-    selection.merge(&mut problem, &library);
-    let chosen = selection.chosen.clone();
-    selection.restart(&mut problem, &library, &chosen);
-    spatial_variation::find_causes(&mut problem, session, filter, &mut library, &mut selection);
-    let then = score(&mut problem, &library, &selection);
-    let counts = outweighs(then, now);
-    if counts {
-        *raw = raw_from_zero;
-    } else {
-        session.ball_zero = None;
-    }
-    counts
-}
-
-/// True where one account of a gap is better than another: of each what it leaves beyond the noise, with the price of its causes, in
-/// squares of the noise, and the number of causes. What takes as many causes to say a little more, or further ones, may only be the
-/// misform of one.
-fn outweighs((left, causes): (f64, usize), (left_now, causes_now): (f64, usize)) -> bool {
-    let surely = left_now - SIGNIFICANT * SIGNIFICANT;
-    match causes.cmp(&causes_now) {
-        Ordering::Less => left < left_now - search::SWAP_GAIN,
-        Ordering::Equal => left < surely,
-        Ordering::Greater => left < surely.min(HALF * left_now),
     }
 }
 
@@ -544,26 +491,4 @@ fn raw_of_shapes(session: &Session, shapes: &[&Shape]) -> Vec<Vec<f64>> {
 /// True for effects that a prediction can take over.
 fn is_predictable(kind: Kind) -> bool {
     kind != Kind::Stochastic
-}
-
-#[cfg(test)]
-mod tests {
-    use super::outweighs;
-
-    #[test]
-    fn further_causes_must_leave_less_than_half_and_fewer_a_little_less() {
-        let now = (1000.0, 3);
-        for (then, is_better) in [
-            ((990.0, 2), true),
-            ((999.5, 2), false),
-            ((970.0, 3), true),
-            ((980.0, 3), false),
-            ((510.0, 4), false),
-            ((490.0, 4), true),
-        ] {
-            assert_eq!(outweighs(then, now), is_better, "{then:?}");
-        }
-        // nothing is left: further causes are not asked for
-        assert!(!outweighs((-10.0, 4), (5.0, 3)) && !outweighs((0.0, 4), (-40.0, 3)));
-    }
 }
