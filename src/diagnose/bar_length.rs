@@ -7,7 +7,7 @@ use super::constants::{HALF, LITTLE, SIGNIFICANT};
 use super::decision::Assessed;
 use super::library::{Label, Library, Shape};
 use super::moment::Moment;
-use super::session::Session;
+use super::session::{Reading, Session};
 use super::{Analysis, contributions_um};
 
 /// A length of the ballbar that was put back.
@@ -84,9 +84,9 @@ fn standing_out_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap<us
     stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())
 }
 
-/// Marks a length that is no more than half a step of the readings as not told from the step: a display that cuts its readings, and
-/// does not round them, makes all of them too small by that much. `part_um` is what an effect contributes to each reading.
-pub(super) fn mark_cuts(
+/// Marks a length error of about half a display step below zero as not separable from `quantisation`: a display that truncates its
+/// readings makes each too small by half a step in the mean. `part_um` is what an effect contributes to each reading.
+pub(super) fn mark_truncation(
     session: &Session,
     a: &Analysis,
     assessed: &mut [Assessed],
@@ -95,8 +95,11 @@ pub(super) fn mark_cuts(
     let is_length = |x: &Assessed| setups_of(&a.library, x.variant).is_some();
     for (place, x) in assessed.iter_mut().enumerate().filter(|(_, x)| is_length(x)) {
         let all = session.moments.iter().zip(&session.readings).zip(part_um(place));
-        let mut of_ballbar = all.filter(|((m, _), _)| m.is_ballbar);
-        if of_ballbar.all(|((_, r), um)| um.abs() <= (HALF + LITTLE) * a.lattice_um[r.instrument]) {
+        let is_half_a_step = |((_, r), um): ((&Moment, &Reading), f64)| {
+            let step_um = a.lattice_um[r.instrument];
+            step_um > 0.0 && (-(HALF + LITTLE) * step_um..=0.0).contains(&um)
+        };
+        if all.filter(|((m, _), _)| m.is_ballbar).all(is_half_a_step) {
             x.same.push(Label::new("quantisation", ""));
         }
     }

@@ -1,5 +1,5 @@
-//! What a search finds under some noise, and whether another account of the gap is likelier: one that counts from the zero of a ball, or one
-//! with a slow cause in the place of drift.
+//! The result of a search under some noise, and its rivals: effects counted from the zero of a ball, and a slow cause in the place of
+//! drift.
 
 use std::cmp::Ordering;
 
@@ -77,8 +77,8 @@ impl Searched {
         counts
     }
 
-    /// The noise beside a slow cause in the place of drift, where what is found beside it is likelier; that then stands. `next` is the
-    /// noise that the remainder of this search says.
+    /// Replaces the result by one with a slow cause in the place of drift where that is likelier, and returns its noise. `next` is the
+    /// noise estimated from `left`, the residuals of this search, um.
     pub(super) fn with_slow_cause(
         &mut self,
         session: &Session,
@@ -88,30 +88,36 @@ impl Searched {
         (left, lattice_um): (&[f64], &[f64]),
         options: &Options,
     ) -> Option<Vec<ClassNoise>> {
-        let Self { problem, selection, .. } = self;
+        let Self { problem, selection, .. } = &*self;
+        let parts = contributions_um(session, problem, library, &selection.chosen);
+        let chosen: Vec<(usize, Vec<f64>)> = selection.chosen.iter().copied().zip(parts).collect();
         let before = slow_causes::Before {
             session,
             library,
             grid: &selection.grid,
+            threshold: selection.threshold,
             used,
             lattice_um,
             gap,
             left,
             noise: next,
+            chosen: &chosen,
         };
-        let label = |library: &Library, v: &usize| library.variants[*v].label;
-        let parts = contributions_um(session, problem, library, &selection.chosen);
-        let parts = selection.chosen.iter().map(|v| label(library, v)).zip(parts).collect::<Vec<_>>();
-        let (quiet, cause) = before.quieter(&parts, selection.threshold)?;
-        let mut other = library.clone();
-        let again = Self::under(session, &mut other, raw, (&quiet, used, gap), options);
-        let left = remainder(session, &again.problem, &other, &again.selection, gap);
-        let has_it = again.selection.chosen.iter().any(|v| label(&other, v) == cause);
-        if !has_it || !before.is_likelier(&quiet, &left, again.selection.threshold) {
-            return None;
-        }
-        (*library, *self) = (other, again);
-        Some(quiet)
+        let found = before.candidates().find_map(|candidate| {
+            let mut other = library.clone();
+            let again = Self::under(session, &mut other, raw, (&candidate.noise, used, gap), options);
+            let left = remainder(session, &again.problem, &other, &again.selection, gap);
+            let has_it = again.selection.chosen.iter().any(|v| other.variants[*v].label == candidate.label);
+            let count = again.selection.chosen.len();
+            (has_it && before.is_likelier(&candidate.noise, &left, count)).then_some((
+                other,
+                again,
+                candidate.noise,
+            ))
+        });
+        let noise;
+        (*library, *self, noise) = found?;
+        Some(noise)
     }
 }
 

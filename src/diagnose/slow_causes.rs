@@ -1,77 +1,73 @@
-//! Slow causes with a recorded source, such as a structure that follows the ambient temperature: drift of an instrument as slow as they
-//! are explains them as well, and its size is found before any cause is. So both accounts are compared, each with the drift that it
-//! leaves.
+//! Slow causes with a logged source, such as a structure that follows the ambient temperature. Drift of an instrument explains what they
+//! do as well, and its size is estimated before any cause is selected: so the two are compared, each cause with the drift left beside it.
 
-use super::constants::{DEGENERATE, LARGE_DRIFT};
-use super::library::{Library, Variant};
+use super::constants::{DEGENERATE, LARGE_DRIFT, TRIED};
+use super::library::{Library, Shape};
 use super::noise::{self, ClassNoise, Filter};
 use super::search::{evidence, raw};
 use super::session::Session;
-use nalgebra::{DMatrix, DVector, DVectorView};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// What is known before slow causes are asked for.
+/// The result of a search under some noise.
 pub(super) struct Before<'a> {
     pub(super) session: &'a Session,
     pub(super) library: &'a Library,
     /// Number of variants of each label.
     pub(super) grid: &'a [usize],
+    /// Evidence that noise alone reaches.
+    pub(super) threshold: f64,
     pub(super) used: &'a [bool],
     pub(super) lattice_um: &'a [f64],
-    /// The gap, and what the causes found leave of it, um.
+    /// The gap, um.
     pub(super) gap: &'a [f64],
+    /// The gap without the selected effects, um.
     pub(super) left: &'a [f64],
-    /// The noise that this says.
+    /// Noise estimated from it.
     pub(super) noise: &'a [ClassNoise],
+    /// Variants selected, with the contribution of each to every reading, um.
+    pub(super) chosen: &'a [(usize, Vec<f64>)],
+}
+
+/// A slow cause, and the noise estimated beside it.
+pub(super) struct Candidate {
+    pub(super) label: usize,
+    pub(super) noise: Vec<ClassNoise>,
+}
+
+/// A variant fitted beside offsets and white noise alone.
+struct Fitted {
+    variant: usize,
+    /// Place of the selected effect that it replaces.
+    instead: Option<usize>,
+    evidence: f64,
+    rank: usize,
+    values: DVector<f64>,
 }
 
 impl Before<'_> {
-    /// The noise beside the slow cause that leaves least, and its label, where drift is large and both together are likelier than drift by
-    /// more than `threshold`. It may stand in the place of one of those `chosen`, with what each contributes: beside drift a cause has
-    /// been fitted to what is faster than it.
-    pub(super) fn quieter(
-        &self,
-        chosen: &[(usize, Vec<f64>)],
-        threshold: f64,
-    ) -> Option<(Vec<ClassNoise>, usize)> {
-        if self.noise.iter().all(|c| c.drift_um <= LARGE_DRIFT * c.white_um) {
-            return None;
-        }
-        let steady: Vec<ClassNoise> = self.noise.iter().map(|c| ClassNoise { drift_um: 0.0, ..*c }).collect();
-        let steady = Filter::new(self.session, &steady, self.used);
-        let signals =
-            |label: usize, variant: &Variant| variant.label == label && !variant.shape.signals().is_empty();
-        let is_slow =
-            |(label, _): &&(usize, Vec<f64>)| self.library.variants.iter().any(|v| signals(*label, v));
-        let instead = std::iter::once(None).chain(chosen.iter().filter(is_slow).map(Some));
-        let least = instead.filter_map(|own| {
-            let plus = |values: &[f64]| match own {
-                Some((_, part)) => values.iter().zip(part).map(|(v, p)| v + p).collect(),
-                None => values.to_vec(),
-            };
-            let is_free = |label: usize| {
-                own.is_some_and(|(own, _)| *own == label) || chosen.iter().all(|(c, _)| *c != label)
-            };
-            let variants = self.library.variants.par_iter().enumerate();
-            let asked = variants.filter(|(_, v)| signals(v.label, v) && is_free(v.label));
-            let base = plus(self.left);
-            let y = steady.column(&base);
-            let all = asked.map(|(v, _)| (v, self.fitted(&steady, &y, v)));
-            let (variant, (left, rank, part)) = all.min_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
-            let minus = |values: Vec<f64>| values.iter().zip(&part).map(|(v, p)| v - p).collect::<Vec<f64>>();
-            Some((left, variant, rank, minus(base), minus(plus(self.gap))))
+    /// The slow causes, best first, that are likelier together with the drift left beside them than the drift alone; none where no
+    /// instrument drifts much. A candidate is added, or replaces a selected slow cause, which beside drift was fitted to its fast part.
+    pub(super) fn candidates(&self) -> impl Iterator<Item = Candidate> {
+        let drifts = self.noise.iter().any(|c| c.drift_um > LARGE_DRIFT * c.white_um);
+        let mut all = if drifts { self.fitted() } else { Vec::new() };
+        all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.variant.cmp(&b.variant)));
+        let mut labels: Vec<usize> = Vec::new();
+        all.retain(|f| {
+            let label = self.library.variants[f.variant].label;
+            let is_first = !labels.contains(&label);
+            labels.push(label);
+            is_first
         });
-        let (_, variant, rank, left, gap) = least.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let repeats = noise::from_repeats(self.session, &gap, self.used, self.lattice_um);
-        let quiet = noise::from_remainder(self.session, &left, self.used, &repeats);
-        let gain = self.minus_two_log(self.noise, self.left) - self.minus_two_log(&quiet, &left);
-        let label = self.library.variants[variant].label;
-        (evidence(gain, rank, self.grid[label]) > threshold).then_some((quiet, label))
+        all.truncate(TRIED);
+        all.into_iter().filter_map(|f| self.beside_drift(&f))
     }
 
-    /// True where other noise and what other causes leave are likelier by more than a threshold.
-    pub(super) fn is_likelier(&self, noise: &[ClassNoise], left: &[f64], threshold: f64) -> bool {
-        self.minus_two_log(noise, left) < self.minus_two_log(self.noise, self.left) - threshold
+    /// True where other noise and other residuals are likelier, less the price of further causes.
+    pub(super) fn is_likelier(&self, noise: &[ClassNoise], left: &[f64], causes: usize) -> bool {
+        let further = 1 + causes.saturating_sub(self.chosen.len() + 1);
+        let gain = self.minus_two_log(self.noise, self.left) - self.minus_two_log(noise, left);
+        gain > self.threshold * further as f64
     }
 
     fn minus_two_log(&self, noise: &[ClassNoise], left: &[f64]) -> f64 {
@@ -79,22 +75,68 @@ impl Before<'_> {
         filter.minus_two_log(&filter.column(left))
     }
 
-    /// Sum of squares of `y` that a variant leaves beside offsets and white noise (`steady`), the number of its independent columns, and
-    /// what it contributes to each reading, um.
-    fn fitted(&self, steady: &Filter, y: &[f64], variant: usize) -> (f64, usize, Vec<f64>) {
-        let rows: Vec<usize> = (0..self.left.len()).collect();
-        let shape = &self.library.variants[variant].shape;
-        let (k, own) = (shape.width(), raw(self.session, &rows, &[shape]));
-        let mut data: Vec<f64> = steady.order().iter().flat_map(|i| own[i * k..][..k].to_vec()).collect();
-        steady.apply(&mut data, k);
-        let columns = DMatrix::from_vec(k, data.len() / k, data);
-        let y = DVectorView::from_slice(y, y.len());
-        let b = &columns * y;
-        let products = (&columns * columns.transpose()).svd(true, true);
-        let least = DEGENERATE * products.singular_values.max();
-        let rank = products.rank(least);
-        let values = products.solve(&b, least).unwrap_or_else(|_| DVector::zeros(k));
-        let part = DMatrix::from_row_slice(self.left.len(), k, &own) * &values;
-        (y.norm_squared() - b.dot(&values), rank, part.as_slice().to_vec())
+    /// All slow variants, each fitted beside the selected effects, and in the place of those that are slow.
+    fn fitted(&self) -> Vec<Fitted> {
+        let steady: Vec<ClassNoise> = self.noise.iter().map(|c| ClassNoise { drift_um: 0.0, ..*c }).collect();
+        let steady = Filter::new(self.session, &steady, self.used);
+        let label = |variant: usize| self.library.variants[variant].label;
+        let slow =
+            (0..self.chosen.len()).filter(|p| is_slow(&self.library.variants[self.chosen[*p].0].shape));
+        let places: Vec<Option<usize>> = std::iter::once(None).chain(slow.map(Some)).collect();
+        let bases: Vec<DVector<f64>> =
+            places.iter().map(|place| DVector::from_vec(steady.column(&self.base(*place)))).collect();
+        let of_variant = |(variant, shape): (usize, &Shape)| -> Vec<Fitted> {
+            let k = shape.width();
+            let mut data = raw(self.session, steady.order(), &[shape]);
+            steady.apply(&mut data, k);
+            let columns = DMatrix::from_vec(k, steady.order().len(), data);
+            let products = (&columns * columns.transpose()).svd(true, true);
+            let least = DEGENERATE * products.singular_values.max();
+            let rank = products.rank(least);
+            let fits = places.iter().zip(&bases).filter(|(place, _)| {
+                let others = self.chosen.iter().enumerate().filter(|(p, _)| Some(*p) != **place);
+                others.into_iter().all(|(_, (v, _))| label(*v) != label(variant))
+            });
+            fits.map(|(place, base)| {
+                let b = &columns * base;
+                let values = products.solve(&b, least).unwrap_or_else(|_| DVector::zeros(k));
+                // in the place of another cause what that one explains is no gain
+                let gain = bases[0].norm_squared() - base.norm_squared() + b.dot(&values);
+                let evidence = evidence(gain, rank, self.grid[label(variant)]);
+                Fitted { variant, instead: *place, evidence, rank, values }
+            })
+            .collect()
+        };
+        let variants = self.library.variants.par_iter().enumerate();
+        let asked = variants.filter(|(_, v)| is_slow(&v.shape) && v.shape.width() > 0);
+        asked.flat_map_iter(|(variant, v)| of_variant((variant, &v.shape))).collect()
     }
+
+    /// The gap without the selected effects but one, um.
+    fn base(&self, but: Option<usize>) -> Vec<f64> {
+        but.map_or_else(
+            || self.left.to_vec(),
+            |place| self.left.iter().zip(&self.chosen[place].1).map(|(v, p)| v + p).collect(),
+        )
+    }
+
+    /// The noise beside a fitted variant, where both are likelier than the noise alone.
+    fn beside_drift(&self, f: &Fitted) -> Option<Candidate> {
+        let rows: Vec<usize> = (0..self.left.len()).collect();
+        let variant = &self.library.variants[f.variant];
+        let columns = raw(self.session, &rows, &[&variant.shape]);
+        let part = DMatrix::from_row_slice(rows.len(), f.values.len(), &columns) * &f.values;
+        let minus = |values: &[f64]| values.iter().zip(&part).map(|(v, p)| v - p).collect::<Vec<f64>>();
+        let left = minus(&self.base(f.instead));
+        let repeats = noise::from_repeats(self.session, &minus(self.gap), self.used, self.lattice_um);
+        let noise = noise::from_remainder(self.session, &left, self.used, &repeats);
+        let gain = self.minus_two_log(self.noise, self.left) - self.minus_two_log(&noise, &left);
+        let is_likelier = evidence(gain, f.rank, self.grid[variant.label]) > self.threshold;
+        is_likelier.then_some(Candidate { label: variant.label, noise })
+    }
+}
+
+/// True for effects that follow a logged temperature or the spindle.
+fn is_slow(shape: &Shape) -> bool {
+    shape.signals().iter().any(|s| s.source.is_logged())
 }

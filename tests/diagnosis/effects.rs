@@ -207,6 +207,28 @@ fn a_length_of_the_ballbar_for_each_mounting_hides_no_cause() {
     assert!(length.parameters.len() > 1, "one for each set-up: {:?}", length.parameters);
 }
 
+/// A display that truncates makes every reading too small by half a step in the mean, and so does a bar of another length.
+#[test]
+fn a_length_of_half_a_step_is_not_separable_from_truncation() {
+    let lagged = Lagged::of_the_campaign();
+    let all = cases(&lagged);
+    let backlash = &all.iter().find(|c| c.0 == "backlash:x").unwrap().1;
+    for (length_um, is_truncation) in [(0.0, true), (-8.0, false)] {
+        let mut s = session(&Campaign::full(), backlash, NOISE);
+        let step_um = 4.0;
+        for (r, _) in s.readings.iter_mut().zip(&s.moments).filter(|(_, m)| m.is_ballbar) {
+            r.deviation_um = ((r.deviation_um + length_um) / step_um).floor() * step_um;
+        }
+        let report =
+            volcomp::diagnose::diagnose(&mut s, None, &volcomp::diagnose::Options::default(), &mut |_, _| {})
+                .report;
+        let length = report.causes.iter().find(|c| c.effect == "ballbar-length" && c.declared);
+        let length = length.unwrap_or_else(|| panic!("{}", table(&report)));
+        let instead = length.confounded_with.contains(&"quantisation".to_owned());
+        assert_eq!(instead, is_truncation, "{length_um}: {}", table(&report));
+    }
+}
+
 #[test]
 fn an_effect_that_varies_over_the_volume_is_one_effect() {
     let campaign = Campaign::full();

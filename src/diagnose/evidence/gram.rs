@@ -10,8 +10,8 @@ use super::super::constants::{DEGENERATE, EFFECT_SCALES, SEEN, SURE};
 use super::super::dense::{Tridiagonal, product, solve_lower};
 use super::covariance::Covariance;
 
-/// Added to the diagonal of a Gram matrix, relative to it; of the largest value of a mean, what cancels.
-pub(super) const ROUNDING: f64 = 1e-9;
+/// Added to the diagonal of a Gram matrix, relative to it.
+const ROUNDING: f64 = 1e-9;
 
 /// Columns of all variants before whitening, each scaled to a root mean square of 1 um.
 #[derive(Clone)]

@@ -2,18 +2,18 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::constants::{MANY, ROWS_MAX};
+use super::super::constants::{MANY, MOVES, ROWS_MAX};
 use super::super::library::STILL;
-use super::super::moment::{Moment, SLOTS};
+use super::super::moment::{Axis, Moment, SLOTS};
 use super::super::noise::clipped_deviation;
 use super::super::session::Session;
 use volcomp_model::geometry::Vec3;
 
-/// Range of some quantity over all readings, at least a tiny one.
-fn span(session: &Session, of: impl Fn(&Moment) -> f64) -> f64 {
+/// Range of some quantity over all readings where it is more than `least`.
+fn span(session: &Session, least: f64, of: impl Fn(&Moment) -> f64) -> f64 {
     let values = session.moments.iter().map(of).filter(|v| v.is_finite());
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    if high > low { high - low } else { f64::INFINITY }
+    if high - low > least { high - low } else { f64::INFINITY }
 }
 
 /// What rows must share to be averaged, beside setup, instrument and direction of travel.
@@ -38,7 +38,7 @@ struct Class {
     rows: Vec<usize>,
     /// An axis moves while some of them are read.
     is_moving: bool,
-    /// Number of states of the machine at which they were read; of a path each row is one.
+    /// Number of states of the machine at which they were read; 1 of a path.
     states: usize,
 }
 
@@ -73,7 +73,7 @@ fn classes(session: &Session, rows: &[usize], places: &[f64], what: Alike) -> Ve
     }
     for c in &mut all {
         let states: BTreeSet<Vec<i64>> = c.rows.iter().map(|i| state(&session.moments[*i], places)).collect();
-        c.states = if c.is_moving { c.rows.len() } else { states.len() };
+        c.states = if c.is_moving { 1 } else { states.len() };
     }
     all
 }
@@ -106,15 +106,16 @@ fn shared_out(most: &[usize], total: usize) -> Vec<usize> {
 /// Readings averaged into some [`ROWS_MAX`] groups, at most twice as many or nothing: along the path in position, speed, time and
 /// time since a reversal where an axis moves while it is read, else by the state of the machine, then by time. Never by stride, which
 /// would lose the samples under acceleration that tell a latency from a backlash. The mean of readings is a linear function of them,
-/// so that effects are averaged alike and nothing is biased. A class of readings gets a group per state before any gets several: a
-/// capture at rest must not take the targets of a laser their own.
+/// so that effects are averaged alike and nothing is biased. Half of the groups go to all classes of readings alike, the others first
+/// to states of the machine, then to readings: a long capture leaves a laser its targets, and a capture at rest keeps its course in time.
 pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>> {
     let all: Vec<usize> = (0..used.len()).filter(|i| used[*i]).collect();
     if all.len() <= ROWS_MAX {
         return Some(all.into_iter().map(|i| vec![i]).collect());
     }
     let spans = |turning: bool| -> Vec<f64> {
-        let positions = (0..SLOTS).map(|k| span(session, |m| m.position[k]));
+        let positions =
+            (0..SLOTS).map(|k| span(session, MOVES[usize::from(k >= Axis::LINEAR.len())], |m| m.position[k]));
         // components of a unit vector
         positions.chain(if turning { vec![2.0; 3] } else { Vec::new() }).collect()
     };
@@ -126,14 +127,15 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>
         })
         .into_iter()
         .find(|(_, classes)| classes.len() <= ROWS_MAX)?;
-    let velocity: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.velocity[k])).collect();
+    let velocity: Vec<f64> = (0..SLOTS).map(|k| span(session, 0.0, |m| m.velocity[k])).collect();
     // what friction does decays within readings of a reversal
     let since = |m: &Moment, k: usize| m.since_s[k].ln();
-    let turned: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| since(m, k))).collect();
-    let time = span(session, |m| m.t_s);
-    let states: Vec<usize> = classes.iter().map(|c| c.states).collect();
-    let first = shared_out(&states, ROWS_MAX);
-    let more: Vec<usize> = classes.iter().map(|c| c.rows.len() - c.states).collect();
+    let turned: Vec<f64> = (0..SLOTS).map(|k| span(session, 0.0, |m| since(m, k))).collect();
+    let time = span(session, 0.0, |m| m.t_s);
+    let alike = ROWS_MAX / 2 / classes.len();
+    let most: Vec<usize> = classes.iter().map(|c| c.states.max(alike).min(c.rows.len())).collect();
+    let first = shared_out(&most, ROWS_MAX);
+    let more: Vec<usize> = classes.iter().zip(&first).map(|(c, first)| c.rows.len() - first).collect();
     let more = shared_out(&more, ROWS_MAX - first.iter().sum::<usize>());
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (class, wanted) in classes.into_iter().zip(first.into_iter().zip(more).map(|(a, b)| (a + b).max(1))) {

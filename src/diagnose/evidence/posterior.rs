@@ -13,7 +13,7 @@ use super::super::moment::Axis;
 use super::super::search::raw_columns;
 use super::super::session::Session;
 use super::covariance::{Component, Covariance, Structure};
-use super::gram::{Columns, Gram, Member, ROUNDING};
+use super::gram::{Columns, Gram, Member};
 use super::scales::{self, Rungs, Target};
 use super::sets::{self, Sets};
 use super::tails::points;
@@ -567,6 +567,9 @@ fn shares(
     }
 }
 
+/// A mean below this share of its largest value is rounding.
+const CANCELS: f64 = 1e-9;
+
 /// Mean of the values of each group; `data` holds a row of `width` values per member of the groups, in their order.
 pub(crate) fn mean_of_members(groups: &[Vec<usize>], data: &[f64], width: usize) -> Vec<f64> {
     let mut rows = data.chunks_exact(width.max(1));
@@ -578,8 +581,8 @@ pub(crate) fn mean_of_members(groups: &[Vec<usize>], data: &[f64], width: usize)
             to.iter_mut().zip(row).for_each(|(t, v)| *t += v / group.len() as f64);
             largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
         }
-        // what cancels is rounding, no column
-        to.iter_mut().zip(&largest).filter(|(t, l)| t.abs() < ROUNDING * **l).for_each(|(t, _)| *t = 0.0);
+        // the rounding of values that cancel is no column
+        to.iter_mut().zip(&largest).filter(|(t, l)| t.abs() < CANCELS * **l).for_each(|(t, _)| *t = 0.0);
     }
     out
 }

@@ -254,6 +254,12 @@ fn long_captures_do_not_take_the_targets_of_a_laser() {
     assert_eq!(groups.concat().len(), n);
     let laser = session.instruments.iter().position(|i| i == "laser").expect("a laser");
     let x = |i: usize| session.moments[i].position[0];
+    let of_class = |name: &str| {
+        let class = session.instruments.iter().position(|i| i == name);
+        groups.iter().filter(|g| Some(session.readings[g[0]].instrument) == class).count()
+    };
+    // its course in time
+    assert!(of_class("indicator") >= 20, "{}", of_class("indicator"));
     let mut targets = 0;
     for group in groups.iter().filter(|g| session.readings[g[0]].instrument == laser) {
         assert!(group.iter().all(|i| (x(*i) - x(group[0])).abs() < 1e-9), "{group:?}");

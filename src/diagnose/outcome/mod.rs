@@ -193,7 +193,7 @@ pub(super) fn conclude(
         }
         None => declare_all(assess(&a.problem, &a.library, &a.selection)),
     };
-    bar_length::mark_cuts(session, a, &mut assessed, |place| {
+    bar_length::mark_truncation(session, a, &mut assessed, |place| {
         let own = parts.in_sample.iter().zip(&owner).filter(|(_, o)| **o == place);
         own.fold(vec![0.0; a.gap.len()], |sum, (part, _)| sum.iter().zip(part).map(|(s, p)| s + p).collect())
     });

@@ -65,7 +65,7 @@ impl Joint {
                     g[i * k + j] -= half.column(c).dot(&half.column(other));
                     g[j * k + i] = g[i * k + j];
                 }
-                b.push(problem.b[c] - dot(own.column(c).as_slice(), &beta));
+                b.push(problem.b[c] - dot(half.column(c).as_slice(), &given.z));
             }
             (g, b)
         };

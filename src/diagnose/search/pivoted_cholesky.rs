@@ -116,7 +116,8 @@ pub(super) struct Rest {
 }
 
 impl Rest {
-    /// From the products of the columns with the decomposed ones (one column after the other), with each other and with the gap; `z` is `L^-1` times the products of
+    /// From the products of the columns with the decomposed ones (one column after the other), with each other and with the gap;
+    /// `z` is `L^-1` times the products of
     /// the decomposed ones with the gap.
     pub(super) fn new(
         factor: &Factor,

@@ -309,7 +309,7 @@ pub struct Given {
     pub columns: Vec<usize>,
     pub(super) factor: Factor,
     /// `L^-1` times their products with the gap.
-    z: Vec<f64>,
+    pub(super) z: Vec<f64>,
     /// Drop of the sum of squares by all of them.
     pub explained: f64,
 }
