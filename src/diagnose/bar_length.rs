@@ -85,22 +85,18 @@ fn standing_out_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap<us
 }
 
 /// Marks a length error of about half a display step below zero as not separable from `quantisation`: a display that truncates its
-/// readings makes each too small by half a step in the mean. `part_um` is what an effect contributes to each reading.
-pub(super) fn mark_truncation(
-    session: &Session,
-    a: &Analysis,
-    assessed: &mut [Assessed],
-    part_um: impl Fn(usize) -> Vec<f64>,
-) {
-    let is_length = |x: &Assessed| setups_of(&a.library, x.variant).is_some();
-    for (place, x) in assessed.iter_mut().enumerate().filter(|(_, x)| is_length(x)) {
-        let all = session.moments.iter().zip(&session.readings).zip(part_um(place));
-        let is_half_a_step = |((_, r), um): ((&Moment, &Reading), f64)| {
-            let step_um = a.lattice_um[r.instrument];
-            step_um > 0.0 && (-(HALF + LITTLE) * step_um..=0.0).contains(&um)
-        };
-        if all.filter(|((m, _), _)| m.is_ballbar).all(is_half_a_step) {
-            x.same.push(Label::new("quantisation", ""));
-        }
+/// readings makes each too small by half a step in the mean. `assessed` has the order of the selection.
+pub(super) fn mark_truncation(session: &Session, a: &Analysis, assessed: &mut [Assessed]) {
+    let Some(place) = assessed.iter().position(|x| setups_of(&a.library, x.variant).is_some()) else {
+        return;
+    };
+    let parts = contributions_um(session, &a.problem, &a.library, &a.selection.chosen);
+    let all = session.moments.iter().zip(&session.readings).zip(&parts[place]);
+    let is_half_a_step = |((_, r), um): ((&Moment, &Reading), &f64)| {
+        let step_um = a.lattice_um[r.instrument];
+        step_um > 0.0 && (-(HALF + LITTLE) * step_um..=0.0).contains(um)
+    };
+    if all.filter(|((m, _), _)| m.is_ballbar).all(is_half_a_step) {
+        assessed[place].same.push(Label::new("quantisation", ""));
     }
 }

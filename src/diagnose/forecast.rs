@@ -66,14 +66,23 @@ pub(super) fn contributions(
         let norm = problem.norm[columns[j]];
         if norm > 0.0 { b / norm } else { 0.0 }
     };
-    let held_out = (0..n)
-        .map(|j| {
-            let own = without_offsets(session, &raw[j], used).into_iter().enumerate();
-            own.map(|(i, v)| if used[i] { v * scaled(j, fits[fold[i]][j]) } else { 0.0 }).collect()
-        })
-        .collect();
+    let held_out =
+        (0..n).map(|j| held_out(session, used, &raw[j], |i| scaled(j, fits[fold[i]][j]))).collect();
     let in_sample = (0..n).map(|j| raw[j].iter().map(|v| v * scaled(j, beta[j])).collect()).collect();
     Contributions { held_out, in_sample, folds: fits }
+}
+
+/// What a raw column contributes to each reading, um, by the parameter that was fitted without the reading's own fold: without the
+/// offsets that the set-ups have with that fit; 0 of those that are not used.
+#[must_use]
+pub(super) fn held_out(
+    session: &Session,
+    used: &[bool],
+    raw: &[f64],
+    parameter: impl Fn(usize) -> f64,
+) -> Vec<f64> {
+    let own = without_offsets(session, raw, used).into_iter().enumerate();
+    own.map(|(i, v)| if used[i] { v * parameter(i) } else { 0.0 }).collect()
 }
 
 /// The fold of each reading of the session; 0 of those that are not used.

@@ -38,12 +38,10 @@ struct Class {
     rows: Vec<usize>,
     /// An axis moves while some of them are read.
     is_moving: bool,
-    /// Number of states of the machine at which they were read; 1 of a path.
-    states: usize,
 }
 
 /// Rows by what they must share.
-fn classes(session: &Session, rows: &[usize], places: &[f64], what: Alike) -> Vec<Class> {
+fn classes(session: &Session, rows: &[usize], what: Alike) -> Vec<Class> {
     let pass = |i: usize| {
         let r = &session.readings[i];
         [r.setup, r.run, r.instrument].map(|v| v as i64)
@@ -67,13 +65,9 @@ fn classes(session: &Session, rows: &[usize], places: &[f64], what: Alike) -> Ve
         let next = known.len();
         let at = *known.entry(key).or_insert(next);
         if at == all.len() {
-            all.push(Class { rows: Vec::new(), is_moving, states: 0 });
+            all.push(Class { rows: Vec::new(), is_moving });
         }
         all[at].rows.push(*i);
-    }
-    for c in &mut all {
-        let states: BTreeSet<Vec<i64>> = c.rows.iter().map(|i| state(&session.moments[*i], places)).collect();
-        c.states = if c.is_moving { 1 } else { states.len() };
     }
     all
 }
@@ -113,32 +107,34 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>
     if all.len() <= ROWS_MAX {
         return Some(all.into_iter().map(|i| vec![i]).collect());
     }
-    let spans = |turning: bool| -> Vec<f64> {
-        let positions =
-            (0..SLOTS).map(|k| span(session, MOVES[usize::from(k >= Axis::LINEAR.len())], |m| m.position[k]));
-        // components of a unit vector
-        positions.chain(if turning { vec![2.0; 3] } else { Vec::new() }).collect()
-    };
-    let (places, classes) = [Alike::Exactly, Alike::Turning, Alike::AcrossRuns]
-        .map(|what| {
-            let places = spans(what != Alike::Exactly);
-            let classes = classes(session, &all, &places, what);
-            (places, classes)
-        })
+    let (what, classes) = [Alike::Exactly, Alike::Turning, Alike::AcrossRuns]
         .into_iter()
+        .map(|what| (what, classes(session, &all, what)))
         .find(|(_, classes)| classes.len() <= ROWS_MAX)?;
+    let mut places: Vec<f64> = (0..SLOTS)
+        .map(|k| span(session, MOVES[usize::from(k >= Axis::LINEAR.len())], |m| m.position[k]))
+        .collect();
+    if what != Alike::Exactly {
+        // components of a unit vector
+        places.extend([2.0; 3]);
+    }
     let velocity: Vec<f64> = (0..SLOTS).map(|k| span(session, 0.0, |m| m.velocity[k])).collect();
     // what friction does decays within readings of a reversal
     let since = |m: &Moment, k: usize| m.since_s[k].ln();
     let turned: Vec<f64> = (0..SLOTS).map(|k| span(session, 0.0, |m| since(m, k))).collect();
     let time = span(session, 0.0, |m| m.t_s);
+    // a path is one state
+    let at_rest = |c: &Class| if c.is_moving { Vec::new() } else { states(session, &c.rows, &places) };
+    let states: Vec<Vec<Vec<usize>>> = classes.iter().map(at_rest).collect();
     let alike = ROWS_MAX / 2 / classes.len();
-    let most: Vec<usize> = classes.iter().map(|c| c.states.max(alike).min(c.rows.len())).collect();
+    let most: Vec<usize> =
+        classes.iter().zip(&states).map(|(c, states)| states.len().max(alike).min(c.rows.len())).collect();
     let first = shared_out(&most, ROWS_MAX);
     let more: Vec<usize> = classes.iter().zip(&first).map(|(c, first)| c.rows.len() - first).collect();
     let more = shared_out(&more, ROWS_MAX - first.iter().sum::<usize>());
+    let wanted = first.into_iter().zip(more).map(|(a, b)| (a + b).max(1));
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    for (class, wanted) in classes.into_iter().zip(first.into_iter().zip(more).map(|(a, b)| (a + b).max(1))) {
+    for ((class, states), wanted) in classes.into_iter().zip(states).zip(wanted) {
         if class.is_moving {
             let step = |a: usize, b: usize| {
                 let (a, b) = (&session.moments[a], &session.moments[b]);
@@ -153,7 +149,7 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Option<Vec<Vec<usize>>
             };
             along(&class.rows, wanted, &step, &mut groups);
         } else {
-            split(session, class.rows, wanted, &places, &mut groups);
+            split(session, states, wanted, &places, &mut groups);
         }
     }
     groups.sort_by_key(|g| g[0]);
@@ -177,40 +173,47 @@ fn along(rows: &[usize], wanted: usize, step: &dyn Fn(usize, usize) -> f64, out:
     out.push(group);
 }
 
-/// Halves rows by place, between states of the machine, until there are as many groups as wanted; those of one state by time.
-fn split(session: &Session, rows: Vec<usize>, wanted: usize, places: &[f64], out: &mut Vec<Vec<usize>>) {
-    if wanted < 2 || rows.len() < 2 {
+/// Rows by the state of the machine.
+fn states(session: &Session, rows: &[usize], places: &[f64]) -> Vec<Vec<usize>> {
+    let mut all: BTreeMap<Vec<i64>, Vec<usize>> = BTreeMap::new();
+    for i in rows {
+        all.entry(state(&session.moments[*i], places)).or_default().push(*i);
+    }
+    all.into_values().collect()
+}
+
+/// Halves states of the machine by place until there are as many groups as wanted; the rows of one state by time.
+fn split(
+    session: &Session,
+    mut states: Vec<Vec<usize>>,
+    wanted: usize,
+    places: &[f64],
+    out: &mut Vec<Vec<usize>>,
+) {
+    if wanted < 2 {
+        let mut rows = states.concat();
+        rows.sort_unstable();
         out.push(rows);
         return;
     }
-    let states: BTreeMap<Vec<i64>, Vec<usize>> = rows.iter().fold(BTreeMap::new(), |mut all, i| {
-        all.entry(state(&session.moments[*i], places)).or_insert_with(Vec::new).push(*i);
-        all
-    });
-    if states.len() == 1 {
+    if let [rows] = &states[..] {
         let time = |a: usize, b: usize| (session.moments[b].t_s - session.moments[a].t_s).abs();
-        along(&rows, wanted, &time, out);
+        along(rows, wanted, &time, out);
         return;
     }
     let range = |k: usize| {
-        let values = rows.iter().map(|i| place(&session.moments[*i], k));
+        let values = states.iter().flatten().map(|i| place(&session.moments[*i], k));
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         (high - low) / places[k]
     };
     let axis = (0..places.len()).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
-    let mut sorted: Vec<Vec<usize>> = states.into_values().collect();
     let at = |state: &[usize]| place(&session.moments[state[0]], axis);
-    sorted.sort_by(|a, b| at(a).total_cmp(&at(b)).then(a[0].cmp(&b[0])));
-    let (low, all) = (sorted.len() / 2, sorted.len());
-    let high = sorted.split_off(low);
+    states.sort_by(|a, b| at(a).total_cmp(&at(b)).then(a[0].cmp(&b[0])));
+    let (low, all) = (states.len() / 2, states.len());
+    let high = states.split_off(low);
     let first = (wanted * low / all).max(1);
-    let rows = |states: Vec<Vec<usize>>| {
-        let mut rows = states.concat();
-        rows.sort_unstable();
-        rows
-    };
-    split(session, rows(sorted), first, places, out);
-    split(session, rows(high), wanted - first, places, out);
+    split(session, states, first, places, out);
+    split(session, high, wanted - first, places, out);
 }
 
 /// White noise of a reading by the second differences of readings that follow each other within a group, in units of the class noise

@@ -193,10 +193,7 @@ pub(super) fn conclude(
         }
         None => declare_all(assess(&a.problem, &a.library, &a.selection)),
     };
-    bar_length::mark_truncation(session, a, &mut assessed, |place| {
-        let own = parts.in_sample.iter().zip(&owner).filter(|(_, o)| **o == place);
-        own.fold(vec![0.0; a.gap.len()], |sum, (part, _)| sum.iter().zip(part).map(|(s, p)| s + p).collect())
-    });
+    bar_length::mark_truncation(session, a, &mut assessed);
     let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let covariance = given.covariance(&a.problem);
     let mut columns = Columns { raw, parts, owner, beta, covariance, norm, rough: Vec::new(), left_um2: 0.0 };

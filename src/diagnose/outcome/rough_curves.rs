@@ -11,7 +11,7 @@ use super::super::Analysis;
 use super::super::constants::SEES;
 use super::super::decision::Assessed;
 use super::super::dense::product;
-use super::super::forecast::{Contributions, folds, minus};
+use super::super::forecast::{Contributions, folds, held_out, minus};
 use super::super::library::{Shape, Variant, WIDTH_MAX, forms};
 use super::super::moment::Moment;
 use super::super::offsets::{rms, without_offsets};
@@ -89,9 +89,7 @@ impl Columns {
             for (h, wave) in (k * WAVES..(k + 1) * WAVES).enumerate() {
                 let raw: Vec<f64> = seen.iter().map(|s| s.as_ref().map_or(0.0, |s| s[h])).collect();
                 self.parts.in_sample.push(raw.iter().map(|v| v * fit.mean[wave]).collect());
-                let own = without_offsets(session, &raw, &a.used).into_iter().zip(&fold);
-                let held_out = own.map(|(v, f)| if v.is_nan() { 0.0 } else { v * fit.folds[*f][wave] });
-                self.parts.held_out.push(held_out.collect());
+                self.parts.held_out.push(held_out(session, &a.used, &raw, |i| fit.folds[fold[i]][wave]));
                 self.raw.push(raw);
                 self.owner.push(place);
                 self.beta.push(fit.mean[wave]);
