@@ -330,10 +330,14 @@ fn gather(readings: &[Reading], positions: usize, group: impl Fn(usize) -> usize
         low: f64::INFINITY,
         high: f64::NEG_INFINITY,
     };
-    let mut cells = vec![EMPTY; 2 * positions];
+    let directions = if readings.iter().all(|r| r.travel == readings[0].travel) { 1 } else { 2 };
+    let slot = |group: usize, r: &Reading| {
+        directions * group + usize::from(directions == 2 && r.travel == Travel::Reverse)
+    };
+    let mut cells = vec![EMPTY; directions * positions];
     for (i, r) in readings.iter().enumerate() {
         let g = group(i);
-        let cell = &mut cells[2 * g + usize::from(r.travel == Travel::Reverse)];
+        let cell = &mut cells[slot(g, r)];
         if cell.count == 0.0 {
             (cell.group, cell.travel) = (g, r.travel);
         }
@@ -348,7 +352,7 @@ fn gather(readings: &[Reading], positions: usize, group: impl Fn(usize) -> usize
     }
     let repeated = cells.iter().any(|c| c.count > 1.0);
     for (i, r) in readings.iter().enumerate().filter(|_| repeated) {
-        let cell = &mut cells[2 * group(i) + usize::from(r.travel == Travel::Reverse)];
+        let cell = &mut cells[slot(group(i), r)];
         cell.within += (r.value - cell.mean).powi(2);
     }
     cells.retain(|c| c.count > 0.0);

@@ -80,6 +80,20 @@ pub(super) fn chebyshev_lanes(s: &Lane, factor: &Lane, columns: &mut [Lane]) {
     }
 }
 
+/// Adds `T_0(s) f`, `T_1(s) f`, .. to as many sums, lane by lane.
+pub(super) fn add_chebyshev(s: &Lane, factor: &Lane, sums: &mut [Lane]) {
+    let mut a = *factor;
+    let mut b: Lane = core::array::from_fn(|lane| s[lane] * factor[lane]);
+    let twice = s.map(|s| 2.0 * s);
+    for sum in sums {
+        for lane in 0..LANES {
+            sum[lane] += a[lane];
+        }
+        let next = core::array::from_fn(|lane| twice[lane] * b[lane] - a[lane]);
+        (a, b) = (b, next);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::basis::chebyshev;

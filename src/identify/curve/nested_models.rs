@@ -52,16 +52,24 @@ impl Factor {
         cells: &[Cell],
     ) -> Vec<Sums> {
         let mut found = vec![Sums::default(); rungs.len()];
-        let (mut row, mut columns) = (vec![0.0; design.len()], vec![[0.0; LANES]; design.len()]);
+        // a recurrence needs the first polynomial alone, which is 1
+        let (mut row, mut columns) = (vec![0.0; design.len()], vec![[1.0; LANES]; design.len()]);
         for block in blocks(data, cells) {
-            if self.q.is_none() {
+            let s = design.reduced(&block.positions);
+            if self.q.is_none() && self.recurrence.is_empty() {
                 design.rows(&block.positions, &block.signs, &mut row, &mut columns);
             }
+            let (mut before, mut q) = ([0.0; LANES], [0.0; LANES]);
             let mut products = Products::default();
             let mut done = 0;
             for (sums, &end) in found.iter_mut().zip(rungs) {
                 for j in done..end {
-                    products.add(&self.orthogonal(&block, first, &columns, j), self.z[j]);
+                    let next = match j.checked_sub(1).and_then(|last| self.recurrence.get(last)) {
+                        Some(recurrence) => recurrence.next(&s, &q, &before),
+                        None => self.orthogonal(&block, first, &columns, j),
+                    };
+                    (before, q) = (q, next);
+                    products.add(&q, self.z[j]);
                 }
                 done = done.max(end);
                 add_block(data, &block, &products, sums);
