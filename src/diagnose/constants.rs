@@ -110,6 +110,10 @@ pub(crate) const PROGRAMS_MAX: usize = 2;
 /// Readings that carry the comparison. Halved: effects below some 3 standard deviations are lost in long captures. Doubled:
 /// eight times the time.
 pub(crate) const ROWS_MAX: usize = 200;
+/// Odds that what a formula says is a part of what no formula says, where it is small beside it; what is as large is declared only
+/// just. Halved: a third more wrong names where something outside the library is at work; doubled: the scales of a real plate, and
+/// the backlash of a real axis whose width varies, are doubted.
+pub(crate) const ALIASED: f64 = 5.0;
 /// Correlation lengths of the discrepancy, as shares of the travel seen. At most a quarter: a longer one is itself a scale or
 /// a straightness and takes the cause's place.
 pub(crate) const LENGTHS: [f64; 2] = [0.08, 0.25];

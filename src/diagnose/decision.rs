@@ -7,7 +7,9 @@
 //! something is at work that the library lacks, and each of the chosen is a part of it. The coefficients were fitted to blind
 //! cases of two generators and judged on a third one (docs/development/ablation.md).
 
-use super::constants::{CALIBRATION, DECLARED, DEVIATION_EXPECTED, LEAST_PROBABILITY, LITTLE, NAMED};
+use super::constants::{
+    ALIASED, CALIBRATION, DECLARED, DEVIATION_EXPECTED, LEAST_PROBABILITY, LITTLE, NAMED,
+};
 use super::evidence::Contender;
 use super::library::{Kind, Label};
 use super::search::{Figures, Found};
@@ -62,6 +64,8 @@ pub enum Cost {
     TakesBack,
     /// The effects chosen in the session deviate by this share of themselves in the mean.
     Company(f64),
+    /// Beside it stands a discrepancy of so many um RMS, of which it may be a part.
+    Discrepancy(f64),
 }
 
 /// What is known of one chosen effect.
@@ -196,20 +200,32 @@ pub fn declare_all(all: Vec<Evidence>) -> Vec<Assessed> {
     all.into_iter().map(|e| Assessed::new(sure(e), 1.0, None)).collect()
 }
 
-/// Decides on the members of the likeliest set, whose probabilities are posteriors already: a label is declared where its group
-/// is likely, nothing in the group is likelier, and the gap is no larger without it (`left`: products of the gap itself).
+/// Decides on the members of the likeliest set, whose probabilities are posteriors of the library already: a label is declared where
+/// its group is likely, nothing in the group is likelier, and the gap is no larger without it (`left`: products of the gap itself).
+/// What is small beside a discrepancy may be the part of an unknown effect that its formula happens to describe.
 #[must_use]
-pub fn decide_by_posterior(all: Vec<(Evidence, &Contender)>, left: &HeldOut) -> Vec<Assessed> {
+pub fn decide_by_posterior(
+    all: Vec<(Evidence, &Contender)>,
+    left: &HeldOut,
+    discrepancy_um2: f64,
+) -> Vec<Assessed> {
+    let no_alias = |c: &Contender| {
+        // an unknown effect looks like a formula to a share of beta(1, 3): a large one is rare
+        let rest = discrepancy_um2 / (discrepancy_um2 + c.own_um2).max(f64::MIN_POSITIVE);
+        1.0 / (1.0 + ALIASED * rest.powi(3))
+    };
     let reason = |c: &Contender| {
         let is_top = c.rivals.iter().all(|(_, p)| *p <= c.probability);
-        let (probability, group) = (c.probability, c.group_probability);
-        let cost = Cost::Evidence;
-        let is_sure = group >= DECLARED && probability >= NAMED && is_top;
-        (!is_sure).then_some(Reason::Improbable { probability, group, cost })
+        let is_sure = |real: f64| real * c.group_probability >= DECLARED && real * c.probability >= NAMED;
+        let real = no_alias(c);
+        let is_aliased = is_top && is_sure(1.0) && !is_sure(real);
+        let cost = if is_aliased { Cost::Discrepancy(discrepancy_um2.sqrt()) } else { Cost::Evidence };
+        let (probability, group) = (real * c.probability, real * c.group_probability);
+        (!(is_top && is_sure(real))).then_some(Reason::Improbable { probability, group, cost })
     };
     let because = |[with_um, without_um]: [f64; 2]| Reason::Harms { with_um, without_um };
     let reasons = worth(all.iter().map(|(_, c)| reason(c)).collect(), left, because);
-    all.into_iter().zip(reasons).map(|((e, _), reason)| Assessed::new(e, 1.0, reason)).collect()
+    all.into_iter().zip(reasons).map(|((e, c), reason)| Assessed::new(e, no_alias(c), reason)).collect()
 }
 
 fn improbable(e: &Evidence, company: f64, is_alone: bool) -> Option<Reason> {
@@ -411,9 +427,8 @@ mod tests {
         assert!((with_um.powi(2) - (10.0 - 4.0 + 1.0 - 0.4 + 1.0)).abs() < 1e-9 && without_um < with_um);
     }
 
-    #[test]
-    fn a_likely_effect_whose_correction_makes_the_gap_larger_is_not_declared() {
-        let likely = |label| Contender {
+    fn likely(label: usize) -> Contender {
+        Contender {
             label,
             variant: 0,
             probability: 0.99,
@@ -423,14 +438,36 @@ mod tests {
             aliases: Vec::new(),
             chosen: true,
             log_evidence: 200.0,
-        };
+            own_um2: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_likely_effect_whose_correction_makes_the_gap_larger_is_not_declared() {
         let contenders = [likely(0), likely(1)];
         let all = || contenders.iter().map(|c| (effect(400.0, Figures::UNASKED), c)).collect();
-        let both = decide_by_posterior(all(), &held_out(&[2.0, 1.5]));
+        let both = decide_by_posterior(all(), &held_out(&[2.0, 1.5]), 0.0);
         assert!(both.iter().all(super::Assessed::is_declared));
         // a part of the gap that drift takes back
-        let one = decide_by_posterior(all(), &held_out(&[2.0, 0.3]));
+        let one = decide_by_posterior(all(), &held_out(&[2.0, 0.3]), 0.0);
         assert!(one[0].is_declared());
         assert!(matches!(one[1].reason, Some(Reason::Harms { with_um, without_um }) if with_um > without_um));
+    }
+
+    #[test]
+    fn what_is_small_beside_a_discrepancy_may_be_a_part_of_it() {
+        let contender = likely(0);
+        let beside = |discrepancy_um2: f64| {
+            let all = vec![(effect(400.0, Figures::UNASKED), &contender)];
+            decide_by_posterior(all, &held_out(&[2.0]), discrepancy_um2).swap_remove(0)
+        };
+        let probability = [0.0, 0.1, 0.5, 2.0, 100.0].map(|um2| beside(um2).probability);
+        assert!(probability.is_sorted_by(|a, b| a > b), "{probability:?}");
+        assert!((probability[0] - 0.99).abs() < 1e-12 && probability[4] < 0.2, "{probability:?}");
+        assert!(beside(0.9).is_declared());
+        let Some(Reason::Improbable { cost: Cost::Discrepancy(um), .. }) = beside(4.0).reason else {
+            panic!("{:?}", beside(4.0).reason)
+        };
+        assert_eq!(um, 2.0);
     }
 }

@@ -5,6 +5,7 @@
 //! over a ladder of the scales of discrepancy and drift ([`scales`]). Source: Kennedy and O'Hagan 2001, Brynjarsdottir and
 //! O'Hagan 2014; `docs/explanation/diagnosis.md` (evidence).
 
+mod comparison;
 mod covariance;
 mod gram;
 mod grouping;
@@ -21,10 +22,10 @@ use super::moment::SLOTS;
 use super::search::count_programs;
 use super::session::{Session, is_encoder};
 
+pub use comparison::{Comparison, Contender, Shares};
 pub use covariance::{Component, Covariance, Structure};
 pub(crate) use grouping::white_within;
 pub(crate) use posterior::mean_of_members;
-pub use posterior::{Comparison, Contender, Shares};
 
 /// True for sessions of one or few programs. A capture of the control's encoders along a free path is no program: nothing in it
 /// comes back, and its formulas hold to a share that the servo's own search knows.

@@ -5,99 +5,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
-use super::super::constants::{
-    LEAST_PROBABILITY, MISFORM_RUNG, ROUNDS, SIGNIFICANT, STRONG, SURE, TIMES, TRIED,
-};
+use super::super::constants::{LEAST_PROBABILITY, MISFORM_RUNG, ROUNDS, SIGNIFICANT, STRONG, TIMES, TRIED};
 use super::super::library::{Kind, Library, Shape};
 use super::super::moment::Axis;
 use super::super::search::raw_columns;
 use super::super::session::Session;
+use super::comparison::{Comparison, Contender, Shares};
 use super::covariance::{Component, Covariance, Structure};
 use super::gram::{Columns, Gram, Member};
 use super::scales::{self, Rungs, Target};
 use super::sets::{self, Sets};
 use super::tails::points;
 use volcomp_effects::prior_sd;
-
-/// An effect that some likely set holds.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Contender {
-    /// Its label, an index into the library.
-    pub label: usize,
-    /// Its best variant.
-    pub variant: usize,
-    /// Posterior probability.
-    pub probability: f64,
-    /// Probability that it or one of its rivals is at work.
-    pub group_probability: f64,
-    /// Labels that take its place in a set, with the posterior probability of those sets.
-    pub rivals: Vec<(usize, f64)>,
-    /// Pairs of labels that say together what it says.
-    pub sums: Vec<[usize; 2]>,
-    /// Labels with the same column.
-    pub aliases: Vec<usize>,
-    /// A member of the likeliest set.
-    pub chosen: bool,
-    /// Log evidence that the likeliest set loses without it (or the best set with it lacks of the likeliest).
-    pub log_evidence: f64,
-}
-
-/// Mean squares of the parts of the gap, um^2: posterior means.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Shares {
-    /// Named effects.
-    pub named_um2: f64,
-    /// Discrepancy and lack of fit.
-    pub discrepancy_um2: f64,
-    /// Drift and offsets of runs.
-    pub drift_um2: f64,
-    /// The rest.
-    pub noise_um2: f64,
-}
-
-/// What the comparison says.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Comparison {
-    /// Rows of the session behind each reading or mean of readings that carried it.
-    pub groups: Vec<Vec<usize>>,
-    /// Logarithm of the marginal likelihood of all sets.
-    pub log_evidence: f64,
-    /// All effects in likely sets, the likeliest first.
-    pub contenders: Vec<Contender>,
-    /// Probability of a discrepancy.
-    pub discrepancy: f64,
-    /// Its parts.
-    pub shares: Shares,
-    /// Scales of the components in the likeliest case, in units of the white noise.
-    pub scales: Vec<(Component, f64)>,
-    /// White noise, um.
-    pub white_um: f64,
-    /// White noise of a reading by those that were averaged, um, where enough were.
-    pub within_um: Option<f64>,
-    /// Drift, um, and its correlation time, s.
-    pub drift: (f64, f64),
-    /// Independent readings that the covariance amounts to.
-    pub effective: f64,
-    /// Rows of the session that count less, with their weight.
-    pub outlying: Vec<(usize, f64)>,
-    /// Whitening of the likeliest case, in units of the white noise.
-    pub covariance: Covariance,
-}
-
-impl Comparison {
-    /// White noise of a reading, um.
-    #[must_use]
-    pub fn reading_um(&self) -> f64 {
-        self.within_um.unwrap_or(self.white_um)
-    }
-
-    /// Mean square of what is no white noise and shorter than the means that were compared, um^2.
-    #[must_use]
-    pub fn finer_um2(&self) -> f64 {
-        let beyond = |within_um: f64| (self.white_um > SURE * within_um).then_some(within_um);
-        self.within_um.and_then(beyond).map_or(0.0, |within_um| self.white_um.powi(2) - within_um.powi(2))
-    }
-}
 
 /// The state of the search under one set of weights.
 pub(super) struct Search {
@@ -204,6 +123,27 @@ impl Search {
         best
     }
 
+    /// What a member of a set says of the gap: `mean` holds the coefficients of the columns `at`.
+    fn part(&self, variant: usize, at: &[usize], mean: &DVector<f64>) -> DVector<f64> {
+        let (first, k) = self.columns.span[variant];
+        let mut part = DVector::zeros(self.y.len());
+        for (c, b) in at.iter().zip(mean.iter()).filter(|(c, _)| (first..first + k).contains(*c)) {
+            part.axpy(*b, &self.columns.values.column(*c), 1.0);
+        }
+        part
+    }
+
+    /// Mean square beside the offsets of the mountings.
+    fn mean_square(&self) -> impl Fn(&DVector<f64>) -> f64 {
+        let n = self.y.len();
+        let plain =
+            Covariance::new(&self.structure, &vec![0.0; self.structure.components.len()], &vec![1.0; n]);
+        move |v| {
+            let whitened = plain.as_ref().map(|p| p.whiten(&DMatrix::from_column_slice(n, 1, v.as_slice())));
+            whitened.map_or(0.0, |w| w.norm_squared() / n as f64)
+        }
+    }
+
     /// Adds a component for each effect of a set that is large against the noise; false where there is none.
     fn allow_misform(&mut self, rungs: &Rungs, members: &[Member]) -> bool {
         let Some((gram, _)) = self.visited.get(rungs) else { return false };
@@ -212,11 +152,7 @@ impl Search {
         let (at, mean, _) = gram.coefficients(&set);
         let mut parts: Vec<(usize, usize, DVector<f64>)> = Vec::new();
         for m in members {
-            let (first, k) = self.columns.span[m.variant];
-            let mut part = DVector::zeros(self.y.len());
-            for (c, b) in at.iter().zip(mean.iter()).filter(|(c, _)| (first..first + k).contains(*c)) {
-                part.axpy(*b, &self.columns.values.column(*c), 1.0);
-            }
+            let part = self.part(m.variant, &at, &mean);
             if part.norm() > SIGNIFICANT * sigma * (part.len() as f64).sqrt() {
                 parts.push((self.columns.label[m.variant], m.variant, part));
             }
@@ -404,6 +340,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         let own = at.iter().zip(mean.iter()).filter(|(c, _)| (first..first + k).contains(*c));
         own.map(|(_, b)| b * b).sum::<f64>().sqrt() / search.structure.white_um
     };
+    let mean_square = search.mean_square();
     let mut contenders: Vec<Contender> = Vec::new();
     for (label, p) in &probability {
         let chosen = best_labels.contains(label);
@@ -439,6 +376,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             aliases: search.columns.aliases_of(*label, size(member.variant)),
             chosen,
             log_evidence,
+            own_um2: mean_square(&search.part(member.variant, &at, &mean)),
         });
     }
     contenders.sort_by(|a, b| {
@@ -541,9 +479,7 @@ fn shares(
     let (at, mean, _) = gram.coefficients(&set);
     let n = search.y.len();
     let mut named = DVector::zeros(n);
-    for (c, b) in at.iter().zip(mean.iter()) {
-        named.axpy(*b, &search.columns.values.column(*c), 1.0);
-    }
+    members.iter().for_each(|m| named += search.part(m.variant, &at, &mean));
     let left = &search.y - &named;
     let whitened = covariance.whiten(&DMatrix::from_column_slice(n, 1, left.as_slice()));
     let pulled = covariance.back(&whitened.column(0).into_owned());
@@ -553,11 +489,7 @@ fn shares(
             parts[usize::from(!component.is_discrepancy())].gemv(s * s, m, &pulled, 1.0);
         }
     }
-    let plain = Covariance::new(&search.structure, &vec![0.0; scales.len()], &vec![1.0; n]);
-    let size = |v: &DVector<f64>| {
-        let w = plain.as_ref().map(|p| p.whiten(&DMatrix::from_column_slice(n, 1, v.as_slice())));
-        w.map_or(0.0, |w| w.norm_squared() / n as f64)
-    };
+    let size = search.mean_square();
     let rest = &left - &parts[0] - &parts[1];
     Shares {
         named_um2: size(&named),

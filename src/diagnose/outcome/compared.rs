@@ -54,7 +54,8 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison, left: &HeldOut) -> Vec<Asse
             is_pruned: false,
         }
     };
-    let mut all = decide_by_posterior(chosen.iter().map(|x| (evidence(x), *x)).collect(), left);
+    let members = chosen.iter().map(|x| (evidence(x), *x)).collect();
+    let mut all = decide_by_posterior(members, left, c.shares.discrepancy_um2);
     // whatever else some likely set holds is listed beside the likeliest effect
     if let Some(first) = all.first_mut() {
         let others = c.contenders.iter().filter(|x| !x.chosen).map(|x| (label(x.label), x.probability));

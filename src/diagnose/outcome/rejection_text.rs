@@ -58,6 +58,9 @@ fn costs(cost: Cost) -> String {
             ": the effects chosen in this session deviate by {:.0} % of themselves in the mean, so an effect outside the library may be at work",
             100.0 * share
         ),
+        Cost::Discrepancy(um) => format!(
+            ": no effect of the library explains {um:.2} µm RMS of the gap, and it may be a part of that"
+        ),
         Cost::TakesBack => ": takes back what the other effects say".to_owned(),
     }
 }
