@@ -202,30 +202,32 @@ pub fn declare_all(all: Vec<Evidence>) -> Vec<Assessed> {
 
 /// Decides on the members of the likeliest set, whose probabilities are posteriors of the library already: a label is declared where
 /// its group is likely, nothing in the group is likelier, and the gap is no larger without it (`left`: products of the gap itself).
-/// What is small beside a discrepancy may be the part of an unknown effect that its formula happens to describe.
+/// What is small beside a discrepancy (of this probability) may be the part of an unknown effect that its formula describes.
 #[must_use]
 pub fn decide_by_posterior(
     all: Vec<(Evidence, &Contender)>,
     left: &HeldOut,
-    discrepancy_um2: f64,
+    discrepancy: f64,
 ) -> Vec<Assessed> {
-    let no_alias = |c: &Contender| {
-        // an unknown effect looks like a formula to a share of beta(1, 3): a large one is rare
-        let rest = discrepancy_um2 / (discrepancy_um2 + c.own_um2).max(f64::MIN_POSITIVE);
-        1.0 / (1.0 + ALIASED * rest.powi(3))
-    };
-    let reason = |c: &Contender| {
-        let is_top = c.rivals.iter().all(|(_, p)| *p <= c.probability);
-        let is_sure = |real: f64| real * c.group_probability >= DECLARED && real * c.probability >= NAMED;
-        let real = no_alias(c);
-        let is_aliased = is_top && is_sure(1.0) && !is_sure(real);
-        let cost = if is_aliased { Cost::Discrepancy(discrepancy_um2.sqrt()) } else { Cost::Evidence };
+    let real: Vec<f64> = all.iter().map(|(_, c)| no_alias(c, discrepancy)).collect();
+    let reason = |((_, c), real): (&(Evidence, &Contender), &f64)| {
         let (probability, group) = (real * c.probability, real * c.group_probability);
-        (!(is_top && is_sure(real))).then_some(Reason::Improbable { probability, group, cost })
+        let is_top = c.rivals.iter().all(|(_, p)| *p <= c.probability);
+        let is_sure = group >= DECLARED && probability >= NAMED && is_top;
+        let is_aliased = is_top && *real < c.group_probability;
+        let cost = if is_aliased { Cost::Discrepancy(c.beside_um2.sqrt()) } else { Cost::Evidence };
+        (!is_sure).then_some(Reason::Improbable { probability, group, cost })
     };
     let because = |[with_um, without_um]: [f64; 2]| Reason::Harms { with_um, without_um };
-    let reasons = worth(all.iter().map(|(_, c)| reason(c)).collect(), left, because);
-    all.into_iter().zip(reasons).map(|((e, c), reason)| Assessed::new(e, no_alias(c), reason)).collect()
+    let reasons = worth(all.iter().zip(&real).map(reason).collect(), left, because);
+    let decided = all.into_iter().zip(real).zip(reasons);
+    decided.map(|(((e, _), real), reason)| Assessed::new(e, real, reason)).collect()
+}
+
+/// Probability that what a formula says is no part of an unknown effect, whose share in what both say is large by beta(1, 3).
+fn no_alias(c: &Contender, discrepancy: f64) -> f64 {
+    let share = c.beside_um2 / (c.beside_um2 + c.own_um2).max(f64::MIN_POSITIVE);
+    1.0 - discrepancy + discrepancy / (1.0 + ALIASED * share.powi(3))
 }
 
 fn improbable(e: &Evidence, company: f64, is_alone: bool) -> Option<Reason> {
@@ -439,6 +441,7 @@ mod tests {
             chosen: true,
             log_evidence: 200.0,
             own_um2: 1.0,
+            beside_um2: 0.0,
         }
     }
 
@@ -456,17 +459,24 @@ mod tests {
 
     #[test]
     fn what_is_small_beside_a_discrepancy_may_be_a_part_of_it() {
-        let contender = likely(0);
-        let beside = |discrepancy_um2: f64| {
-            let all = vec![(effect(400.0, Figures::UNASKED), &contender)];
-            decide_by_posterior(all, &held_out(&[2.0]), discrepancy_um2).swap_remove(0)
+        let beside = |um2: f64, discrepancy: f64| {
+            let contender = Contender { beside_um2: um2, ..likely(0) };
+            let rival = (Label::new("wear", "x"), 0.5);
+            let e = Evidence { rivals: vec![rival], ..effect(400.0, Figures::UNASKED) };
+            decide_by_posterior(vec![(e, &contender)], &held_out(&[2.0]), discrepancy).swap_remove(0)
         };
-        let probability = [0.0, 0.1, 0.5, 2.0, 100.0].map(|um2| beside(um2).probability);
-        assert!(probability.is_sorted_by(|a, b| a > b), "{probability:?}");
-        assert!((probability[0] - 0.99).abs() < 1e-12 && probability[4] < 0.2, "{probability:?}");
-        assert!(beside(0.9).is_declared());
-        let Some(Reason::Improbable { cost: Cost::Discrepancy(um), .. }) = beside(4.0).reason else {
-            panic!("{:?}", beside(4.0).reason)
+        let all = [0.0, 0.1, 0.5, 2.0, 100.0].map(|um2| beside(um2, 1.0));
+        assert!(all.is_sorted_by(|a, b| a.probability > b.probability), "{all:?}");
+        for x in &all {
+            assert!((x.group_probability - x.probability).abs() < 1e-12);
+            assert!((x.alternatives[0].1 - 0.5 * x.probability).abs() < 1e-12);
+        }
+        assert!((all[0].probability - 1.0).abs() < 1e-12 && all[4].probability < 0.2, "{all:?}");
+        assert!(beside(0.9, 1.0).is_declared() && !beside(4.0, 1.0).is_declared());
+        // whether there is a discrepancy may be open
+        assert!(beside(4.0, 0.3).is_declared() && beside(4.0, 0.3).probability < 0.9);
+        let Some(Reason::Improbable { cost: Cost::Discrepancy(um), .. }) = beside(4.0, 1.0).reason else {
+            panic!("{:?}", beside(4.0, 1.0).reason)
         };
         assert_eq!(um, 2.0);
     }

@@ -24,8 +24,10 @@ pub struct Contender {
     pub chosen: bool,
     /// Log evidence that the likeliest set loses without it (or the best set with it lacks of the likeliest).
     pub log_evidence: f64,
-    /// Mean square of what it says of the gap as a member of the likeliest set, um^2, beside which [`Shares`] stand; 0 of others.
+    /// Mean square of what it says of the gap in the setups in which it acts, as a member of the likeliest set, um^2; 0 of others.
     pub own_um2: f64,
+    /// Mean square of the discrepancy there, but for its own misform, um^2.
+    pub beside_um2: f64,
 }
 
 /// Mean squares of the parts of the gap, um^2: posterior means.

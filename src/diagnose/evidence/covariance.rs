@@ -55,6 +55,8 @@ pub struct Structure {
     pub components: Vec<(Component, DMatrix<f64>)>,
     /// Offsets of the mountings, and rotations of those of a tracker or CMM, a column each.
     pub offsets: DMatrix<f64>,
+    /// Setup of each group.
+    pub(super) setup: Vec<usize>,
     /// Longest setup, s.
     pub duration_s: f64,
     /// Correlation over the place with the longest length.
@@ -227,7 +229,20 @@ impl Structure {
         }
         let offsets = offsets(session, &groups, setups.values());
         let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
-        Self { groups, white_um: least, white, components, offsets, duration_s, near, means, places, named }
+        let setup = (0..n).map(|k| reading(k).setup).collect();
+        Self {
+            groups,
+            white_um: least,
+            white,
+            components,
+            offsets,
+            setup,
+            duration_s,
+            near,
+            means,
+            places,
+            named,
+        }
     }
 }
 

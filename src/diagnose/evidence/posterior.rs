@@ -340,7 +340,28 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         let own = at.iter().zip(mean.iter()).filter(|(c, _)| (first..first + k).contains(*c));
         own.map(|(_, b)| b * b).sum::<f64>().sqrt() / search.structure.white_um
     };
+    let covariance = Covariance::new(&search.structure, &scales::values(&rungs), &search.weights)?;
+    let kinds: Vec<Component> = search.structure.components.iter().map(|c| c.0).collect();
+    let scales: Vec<(Component, f64)> = kinds.iter().copied().zip(scales::values(&rungs)).collect();
+    let n = search.y.len();
+    let mut named = DVector::zeros(n);
+    best.iter().for_each(|m| named += search.part(m.variant, &at, &mean));
+    let left = &search.y - &named;
+    let components = components(search, &covariance, &left, &scales);
     let mean_square = search.mean_square();
+    // what a member says and the discrepancy beside it, where it acts
+    let beside = |variant: usize| {
+        let part = search.part(variant, &at, &mean);
+        let label = search.columns.label[variant];
+        let is_other = |c: &Component| c.is_discrepancy() && *c != Component::Misform(label);
+        let setup = &search.structure.setup;
+        let acts: BTreeSet<usize> = (0..n).filter(|k| part[*k] != 0.0).map(|k| setup[k]).collect();
+        let mut discrepancy = sum_of(&components, n, is_other);
+        let elsewhere: Vec<usize> = (0..n).filter(|k| !acts.contains(&setup[*k])).collect();
+        elsewhere.iter().for_each(|k| discrepancy[*k] = 0.0);
+        let scale = n as f64 / (n - elsewhere.len()).max(1) as f64;
+        [part, discrepancy].map(|v| scale * mean_square(&v))
+    };
     let mut contenders: Vec<Contender> = Vec::new();
     for (label, p) in &probability {
         let chosen = best_labels.contains(label);
@@ -366,6 +387,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             .map(|(_, (_, w))| *w)
             .fold(f64::NEG_INFINITY, f64::max);
         let log_evidence = if chosen { best_weight - without } else { holder.1.1 - best_weight };
+        let [own_um2, beside_um2] = if chosen { beside(member.variant) } else { [0.0; 2] };
         contenders.push(Contender {
             label: *label,
             variant: member.variant,
@@ -376,22 +398,27 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
             aliases: search.columns.aliases_of(*label, size(member.variant)),
             chosen,
             log_evidence,
-            own_um2: mean_square(&search.part(member.variant, &at, &mean)),
+            own_um2,
+            beside_um2,
         });
     }
     contenders.sort_by(|a, b| {
         b.chosen.cmp(&a.chosen).then(b.probability.total_cmp(&a.probability)).then(a.label.cmp(&b.label))
     });
-    let covariance = Covariance::new(&search.structure, &scales::values(&rungs), &search.weights)?;
     let white_um = gram.sigma(&best_set);
     let by_scales: Vec<(&Rungs, f64)> =
         search.beside.iter().filter_map(|(r, sums)| Some((r, *sums.get(best_labels)?))).collect();
     let all = log_sum(&by_scales.iter().map(|v| v.1).collect::<Vec<_>>());
-    let kinds: Vec<Component> = search.structure.components.iter().map(|c| c.0).collect();
     let has = |rungs: &Rungs| kinds.iter().zip(rungs).any(|(c, r)| *r > 0 && c.is_discrepancy());
     let discrepancy = by_scales.iter().filter(|(r, _)| has(r)).map(|(_, w)| (w - all).exp()).sum();
-    let values = scales::values(&rungs);
-    let scales: Vec<(Component, f64)> = kinds.iter().copied().zip(values).collect();
+    let of_discrepancy = sum_of(&components, n, |c| c.is_discrepancy());
+    let of_drift = sum_of(&components, n, |c| !c.is_discrepancy());
+    let shares = Shares {
+        named_um2: mean_square(&named),
+        discrepancy_um2: mean_square(&of_discrepancy),
+        drift_um2: mean_square(&of_drift),
+        noise_um2: mean_square(&(&left - &of_discrepancy - &of_drift)),
+    };
     let drift = scales
         .iter()
         .filter_map(|(c, s)| match c {
@@ -405,7 +432,7 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
         log_evidence: total,
         contenders,
         discrepancy,
-        shares: shares(search, &covariance, gram, best, &scales),
+        shares,
         scales: scales.clone(),
         white_um,
         within_um: None,
@@ -467,36 +494,27 @@ fn pairs_in_place(
     all.into_iter().map(|(pair, _)| pair).take(TRIED).collect()
 }
 
-/// Posterior means of the parts of the gap.
-fn shares(
+/// Posterior mean of each component of the covariance beside `left`, um.
+fn components(
     search: &Search,
     covariance: &Covariance,
-    gram: &Gram,
-    members: &[Member],
+    left: &DVector<f64>,
     scales: &[(Component, f64)],
-) -> Shares {
-    let set = gram.condition(&search.columns, members);
-    let (at, mean, _) = gram.coefficients(&set);
-    let n = search.y.len();
-    let mut named = DVector::zeros(n);
-    members.iter().for_each(|m| named += search.part(m.variant, &at, &mean));
-    let left = &search.y - &named;
-    let whitened = covariance.whiten(&DMatrix::from_column_slice(n, 1, left.as_slice()));
+) -> Vec<(Component, DVector<f64>)> {
+    let whitened = covariance.whiten(&DMatrix::from_column_slice(left.len(), 1, left.as_slice()));
     let pulled = covariance.back(&whitened.column(0).into_owned());
-    let mut parts = [DVector::zeros(n), DVector::zeros(n)];
-    for ((component, m), (_, s)) in search.structure.components.iter().zip(scales) {
-        if *s > 0.0 {
-            parts[usize::from(!component.is_discrepancy())].gemv(s * s, m, &pulled, 1.0);
-        }
-    }
-    let size = search.mean_square();
-    let rest = &left - &parts[0] - &parts[1];
-    Shares {
-        named_um2: size(&named),
-        discrepancy_um2: size(&parts[0]),
-        drift_um2: size(&parts[1]),
-        noise_um2: size(&rest),
-    }
+    let all = search.structure.components.iter().zip(scales).filter(|(_, (_, s))| *s > 0.0);
+    all.map(|((component, m), (_, s))| (*component, m * &pulled * (s * s))).collect()
+}
+
+/// Sum of the components that are wanted.
+fn sum_of(
+    components: &[(Component, DVector<f64>)],
+    n: usize,
+    is_wanted: impl Fn(&Component) -> bool,
+) -> DVector<f64> {
+    let wanted = components.iter().filter(|(c, _)| is_wanted(c));
+    wanted.fold(DVector::zeros(n), |sum, (_, part)| sum + part)
 }
 
 /// A mean below this share of its largest value is rounding.

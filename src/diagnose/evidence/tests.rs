@@ -71,6 +71,10 @@ fn a_reversal_error_is_named_beside_a_drift() {
         assert!(probability(&found, "backlash:x") > 0.95, "{seed}: {:?}", found.0.contenders);
         assert!(others(&found, &["backlash:x"]).0 < 0.5, "{seed}: {:?}", found.0.contenders);
         assert!(found.0.shares.drift_um2 > 4.0, "{seed}: {:?}", found.0.shares);
+        let chosen: Vec<_> = found.0.contenders.iter().filter(|x| x.chosen).collect();
+        assert_eq!(chosen.len(), 1, "{seed}: {chosen:?}");
+        assert!((chosen[0].own_um2 / found.0.shares.named_um2 - 1.0).abs() < 1e-9, "{seed}: {chosen:?}");
+        assert!((chosen[0].own_um2 / 16.0 - 1.0).abs() < 0.2, "{seed}: {chosen:?}");
     }
 }
 
@@ -84,6 +88,9 @@ fn a_mean_reversal_error_is_named_where_its_width_scatters_from_target_to_target
         let found = compared(raw);
         assert!(probability(&found, "backlash:x") > 0.9, "{seed}: {:?}", found.0.contenders);
         assert!(found.0.discrepancy > 0.95, "{seed}: {}", found.0.discrepancy);
+        // half a width of 3 um from target to target
+        let backlash = &found.0.contenders[0];
+        assert!(backlash.beside_um2 > 0.5 && backlash.beside_um2 < backlash.own_um2, "{seed}: {backlash:?}");
     }
 }
 

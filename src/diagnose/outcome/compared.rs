@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::Analysis;
 use super::super::constants::{DRAWS, LARGE_DRIFT, LENGTHS, LITTLE};
-use super::super::decision::{Assessed, Evidence, HeldOut, decide_by_posterior};
+use super::super::decision::{Assessed, Cost, Evidence, HeldOut, Reason, decide_by_posterior};
 use super::super::evidence::{Comparison, Component, Contender};
 use super::super::forecast::{Contributions, minus};
 use super::super::library::Label;
@@ -55,12 +55,15 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison, left: &HeldOut) -> Vec<Asse
         }
     };
     let members = chosen.iter().map(|x| (evidence(x), *x)).collect();
-    let mut all = decide_by_posterior(members, left, c.shares.discrepancy_um2);
+    let mut all = decide_by_posterior(members, left, c.discrepancy);
     // whatever else some likely set holds is listed beside the likeliest effect
-    if let Some(first) = all.first_mut() {
-        let others = c.contenders.iter().filter(|x| !x.chosen).map(|x| (label(x.label), x.probability));
-        let known: Vec<Label> = first.alternatives.iter().map(|(l, _)| l.clone()).collect();
-        first.alternatives.extend(others.filter(|(l, _)| !known.contains(l)));
+    let known: Vec<Label> = all.iter().flat_map(|x| &x.alternatives).map(|(l, _)| l.clone()).collect();
+    let others = c.contenders.iter().filter(|x| !x.chosen).map(|x| (label(x.label), x.probability));
+    let likeliest = all.iter_mut().reduce(|best, x| if x.probability > best.probability { x } else { best });
+    if let Some(first) = likeliest {
+        // in its place they are doubted as it is
+        let real = first.probability / first.share.max(f64::MIN_POSITIVE);
+        first.alternatives.extend(others.filter(|(l, _)| !known.contains(l)).map(|(l, p)| (l, real * p)));
     }
     all
 }
@@ -211,12 +214,23 @@ pub(super) fn unexplained(
         ));
     }
     if is_undecided {
-        let open = assessed.iter().filter(|x| !x.is_declared());
-        let names: Vec<String> = open.map(|x| format!("{} ({:.2})", x.label, x.probability)).collect();
+        let aliased =
+            |x: &&Assessed| matches!(x.reason, Some(Reason::Improbable { cost: Cost::Discrepancy(_), .. }));
+        let names = |wanted: &dyn Fn(&&Assessed) -> bool| -> Vec<String> {
+            let open = assessed.iter().filter(|x| !x.is_declared()).filter(wanted);
+            open.map(|x| format!("{} ({:.2})", x.label, x.probability)).collect()
+        };
+        let (parts, open) = (names(&aliased), names(&|x| !aliased(x)));
+        let or_part = format!("{} or a part of the discrepancy", parts.join(", "));
+        let or_other = format!("{} or what stands for it", open.join(", "));
         words.push(format!(
-            "{:.2} µm RMS of an effect whose name these data leave open: {} or what stands for it",
+            "{:.2} µm RMS of an effect whose name these data leave open: {}",
             undeclared_um2.sqrt(),
-            names.join(", ")
+            match (parts.is_empty(), open.is_empty()) {
+                (true, _) => or_other,
+                (false, true) => or_part,
+                (false, false) => format!("{or_part}; {or_other}"),
+            }
         ));
     }
     if drifts {

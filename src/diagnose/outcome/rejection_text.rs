@@ -59,7 +59,7 @@ fn costs(cost: Cost) -> String {
             100.0 * share
         ),
         Cost::Discrepancy(um) => format!(
-            ": no effect of the library explains {um:.2} µm RMS of the gap, and it may be a part of that"
+            ": no effect of the library explains {um:.2} µm RMS of the gap beside it, and it may be a part of that"
         ),
         Cost::TakesBack => ": takes back what the other effects say".to_owned(),
     }

@@ -438,6 +438,16 @@ mod tests {
     }
 
     #[test]
+    fn readings_of_one_direction_keep_it() {
+        for travel in [Travel::Forward, Travel::Reverse] {
+            let all: Vec<Reading> = (0..9).map(|i| at(f64::from(i % 3), f64::from(i), travel)).collect();
+            let data = Data::new(&all, None).unwrap();
+            assert_eq!(data.cells.len(), 3);
+            assert!(data.cells.iter().all(|c| c.travel == travel && c.count == 3.0));
+        }
+    }
+
+    #[test]
     fn bins_keep_targets_and_sums() {
         let all: Vec<Reading> = (0..MANY + 5)
             .map(|i| at((i % 7) as f64 * 50.0 + 0.1, (i % 11) as f64, Travel::Forward))
