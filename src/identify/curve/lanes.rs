@@ -70,25 +70,25 @@ pub(super) fn blocks<'a>(data: &'a Data, cells: &'a [Cell]) -> impl Iterator<Ite
 
 /// `T_0(s) f`, `T_1(s) f`, ..
 pub(super) fn chebyshev_lanes(s: &Lane, factor: &Lane, columns: &mut [Lane]) {
-    let mut a = *factor;
-    let mut b: Lane = core::array::from_fn(|lane| s[lane] * factor[lane]);
-    let twice = s.map(|s| 2.0 * s);
-    for column in columns {
-        *column = a;
-        let next = core::array::from_fn(|lane| twice[lane] * b[lane] - a[lane]);
-        (a, b) = (b, next);
-    }
+    each_chebyshev(s, factor, columns, |column, value| *column = value);
 }
 
 /// Adds `T_0(s) f`, `T_1(s) f`, .. to as many sums, lane by lane.
 pub(super) fn add_chebyshev(s: &Lane, factor: &Lane, sums: &mut [Lane]) {
+    each_chebyshev(s, factor, sums, |sum, value| {
+        for lane in 0..LANES {
+            sum[lane] += value[lane];
+        }
+    });
+}
+
+#[inline]
+fn each_chebyshev(s: &Lane, factor: &Lane, to: &mut [Lane], put: impl Fn(&mut Lane, Lane)) {
     let mut a = *factor;
     let mut b: Lane = core::array::from_fn(|lane| s[lane] * factor[lane]);
     let twice = s.map(|s| 2.0 * s);
-    for sum in sums {
-        for lane in 0..LANES {
-            sum[lane] += a[lane];
-        }
+    for to in to {
+        put(to, a);
         let next = core::array::from_fn(|lane| twice[lane] * b[lane] - a[lane]);
         (a, b) = (b, next);
     }
