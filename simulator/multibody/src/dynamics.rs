@@ -469,6 +469,7 @@ mod tests {
         let shown = rms(&late, at_speed);
         assert!((shown - 1.0).abs() < 0.05, "{shown}");
     }
+
     #[test]
     fn a_carriage_with_play_stays_where_it_was_pushed_while_others_move() {
         let mut loose = Drives::default();

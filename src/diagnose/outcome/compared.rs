@@ -214,23 +214,18 @@ pub(super) fn unexplained(
         ));
     }
     if is_undecided {
-        let aliased =
-            |x: &&Assessed| matches!(x.reason, Some(Reason::Improbable { cost: Cost::Discrepancy(_), .. }));
-        let names = |wanted: &dyn Fn(&&Assessed) -> bool| -> Vec<String> {
-            let open = assessed.iter().filter(|x| !x.is_declared()).filter(wanted);
-            open.map(|x| format!("{} ({:.2})", x.label, x.probability)).collect()
+        let is_aliased =
+            |x: &Assessed| matches!(x.reason, Some(Reason::Improbable { cost: Cost::Discrepancy(_), .. }));
+        let of = |aliased: bool, alternative: &str| {
+            let open = assessed.iter().filter(|x| !x.is_declared() && is_aliased(x) == aliased);
+            let names: Vec<String> = open.map(|x| format!("{} ({:.2})", x.label, x.probability)).collect();
+            (!names.is_empty()).then(|| format!("{} or {alternative}", names.join(", ")))
         };
-        let (parts, open) = (names(&aliased), names(&|x| !aliased(x)));
-        let or_part = format!("{} or a part of the discrepancy", parts.join(", "));
-        let or_other = format!("{} or what stands for it", open.join(", "));
+        let open = [of(true, "a part of the discrepancy"), of(false, "what stands for it")];
         words.push(format!(
             "{:.2} µm RMS of an effect whose name these data leave open: {}",
             undeclared_um2.sqrt(),
-            match (parts.is_empty(), open.is_empty()) {
-                (true, _) => or_other,
-                (false, true) => or_part,
-                (false, false) => format!("{or_part}; {or_other}"),
-            }
+            open.into_iter().flatten().collect::<Vec<_>>().join("; ")
         ));
     }
     if drifts {

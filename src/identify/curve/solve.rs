@@ -312,11 +312,11 @@ fn chebyshev_products(data: &Data, design: &Design<'_>) -> [Vec<f64>; 2] {
         sums.map(|sums| sums.iter().map(|lanes| lanes.iter().sum()).collect::<Vec<f64>>())
     });
     let [weights, signed, values, turned_values] = added(parts, lengths.map(|length| vec![0.0; length]));
-    let columns: Vec<(bool, usize)> = if design.reversal_first {
-        (0..turned).map(|k| (true, k)).chain((0..own).map(|k| (false, k))).collect()
-    } else {
-        (0..own).map(|k| (false, k)).chain((0..turned).map(|k| (true, k))).collect()
-    };
+    let mut columns: Vec<(bool, usize)> = (0..own).map(|k| (false, k)).collect();
+    columns.extend((0..turned).map(|k| (true, k)));
+    if design.reversal_first {
+        columns.rotate_left(own);
+    }
     let product = |(a, i): (bool, usize), (b, j): (bool, usize)| {
         // the square of a sign is 1
         let of = if a == b { &weights } else { &signed };
