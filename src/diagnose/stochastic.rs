@@ -151,9 +151,8 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     }
     let residuals = pair_residuals(e.session, e.left_um, e.used);
     let by_range = range_noise(e.session, &residuals)
-        // every reading stands in two neighbours
-        .filter(|r| r.evidence > 2.0 * STRONG)
-        .map(|r| ("exponent_1", r.exponent, r.exponent / (2.0 * r.evidence).sqrt()));
+        .filter(|r| r.evidence > STRONG)
+        .map(|r| ("exponent_1", r.exponent, r.exponent / r.evidence.sqrt()));
     let by_angle = || {
         let a = angle_noise(e.session, &residuals).filter(|a| a.evidence > STRONG)?;
         Some(("across_um_per_m", a.um_per_m, 0.5 * a.um_per_m / a.evidence.sqrt()))

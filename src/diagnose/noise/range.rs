@@ -1,8 +1,8 @@
 //! Noise that grows with the distance: of an instrument that measures angles.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
-use super::super::constants::{FEW, HALF, SIGNIFICANT};
+use super::super::constants::{FEW, HALF, REPEATS, SIGNIFICANT};
 use super::super::library::line_of_sight;
 use super::super::moment::Moment;
 use super::super::session::Session;
@@ -15,74 +15,108 @@ pub struct RangeNoise {
     pub instrument: usize,
     /// The noise goes with this power of the range.
     pub exponent: f64,
-    /// Twice the logarithm of the likelihood against noise that is the same at all distances.
+    /// Twice the logarithm of the likelihood of as many independent readings, against noise that is the same at all distances.
     pub evidence: f64,
 }
 
 /// Powers of the range that are tried, in steps of a tenth.
 const TENTHS: core::ops::RangeInclusive<u8> = 2..=40;
 
+/// Information of differences from the mean of three readings before, relative to independent readings: their squares correlate
+/// (Hall, Kay, Titterington 1990).
+const OVERLAP: f64 = 36.0 / 43.0;
+
 /// What differs between repeats, by the distance.
 #[must_use]
 pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
     (0..session.instruments.len())
         .filter_map(|class| {
-            let all = neighbours(session, residuals, class, |m| m.range_mm);
-            let of = all.iter().filter(|n| n.of_both > 0.0);
-            let (rows, axes): (Vec<(f64, f64)>, Vec<usize>) =
-                of.map(|n| ((n.square, n.of_both), n.axis)).unzip();
-            if rows.len() < 5 * FEW {
-                return None;
-            }
-            let (exponent, evidence) = by_range(&rows, &axes)?;
+            let of = |m: &Moment| if m.range_mm > 0.0 { m.range_mm } else { f64::NAN };
+            let (exponent, evidence) = by_range(&apart(session, residuals, class, of)?)?;
             Some(RangeNoise { instrument: class, exponent, evidence })
         })
         .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
 }
 
-/// Power of the range and its evidence from squares of residuals and ranges; `axes` are the directions.
-fn by_range(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
-    let scatter = Scatter::of(rows, axes)?;
-    let middle = rows.iter().map(|r| r.1.ln()).sum::<f64>() / rows.len() as f64;
-    let power = |exponent: f64| scatter.likelihood(&|k| (2.0 * exponent * (rows[k].1.ln() - middle)).exp());
+/// Power of the range and its evidence.
+fn by_range(rows: &[Apart]) -> Option<(f64, f64)> {
+    let scatter = Scatter::of(rows)?;
+    let middle = rows.iter().map(|r| r.of.ln()).sum::<f64>() / rows.len() as f64;
+    let shape = |exponent: f64| move |k: usize| (2.0 * exponent * (rows[k].of.ln() - middle)).exp();
     let (exponent, best) = TENTHS
         .map(|tenths| 0.1 * f64::from(tenths))
-        .map(|exponent| (exponent, power(exponent)))
+        .map(|exponent| (exponent, scatter.likelihood(&shape(exponent))))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let evidence = scatter.evidence(best)?;
+    let evidence = scatter.evidence(best, &shape(exponent))?;
     Some((exponent, evidence))
 }
 
-/// Two readings that follow each other in a run and look the same way.
-struct Neighbours {
-    /// Half the square of the difference of their residuals: a drift is no noise, and what changes between repeats neither.
-    square: f64,
-    /// The mean of what was asked of both.
-    of_both: f64,
-    /// The direction in which they look.
+/// A reading at rest whose residual is known.
+struct Single {
+    /// Run and repeat.
+    pass: (usize, i64),
+    /// The direction in which it looks.
     axis: usize,
+    residual: f64,
+    /// What was asked.
+    of: f64,
+    /// Share of it that is independent of its repeats.
+    independent: f64,
 }
 
-/// Neighbours of one class at rest whose residuals are known; `of` is asked of both, NaN leaves a reading out. What shakes a moving
-/// axis is no noise of the instrument.
-fn neighbours(
+/// A reading beside those before it in its pass that look the same way.
+struct Apart {
+    /// Square of its residual's difference from the mean of theirs, of the size of the noise: a drift is no noise.
+    square: f64,
+    /// What was asked, each reading by its share in the square.
+    of: f64,
+    /// The direction in which they look.
+    axis: usize,
+    /// Share of it that is independent of its repeats.
+    independent: f64,
+}
+
+/// Readings of one class at rest whose residuals are known, beside those before; `of` is asked of each, NaN leaves a reading out.
+/// What shakes a moving axis is no noise of the instrument. None where they are too few.
+fn apart(
     session: &Session,
     residuals: &[f64],
     class: usize,
     of: impl Fn(&Moment) -> f64,
-) -> Vec<Neighbours> {
-    let mut last: BTreeMap<(usize, i64, usize), (f64, f64)> = BTreeMap::new();
-    let mut all = Vec::new();
-    let of_class = |i: &usize| session.readings[*i].instrument == class && residuals[*i].is_finite();
-    for i in (0..residuals.len()).filter(of_class) {
+) -> Option<Vec<Apart>> {
+    let known = || (0..residuals.len()).filter(|i| residuals[*i].is_finite());
+    let mut repeats: BTreeMap<usize, f64> = BTreeMap::new();
+    known().filter_map(|i| session.readings[i].pair).for_each(|p| *repeats.entry(p).or_default() += 1.0);
+    let readings = known().filter(|i| session.readings[*i].instrument == class).filter_map(|i| {
         let (r, m) = (&session.readings[i], &session.moments[i]);
-        let (axis, own) = (m.u.iamax(), of(m));
-        if own.is_nan() || moves(m) {
-            continue;
+        let single = Single {
+            pass: (r.run, r.repeat),
+            axis: m.u.iamax(),
+            residual: residuals[i],
+            of: of(m),
+            independent: r.pair.map_or(1.0, |p| 1.0 - 1.0 / repeats[&p]),
+        };
+        (!single.of.is_nan() && !moves(m)).then_some(single)
+    });
+    let all = beside_before(readings);
+    (all.len() >= 5 * FEW).then_some(all)
+}
+
+/// Each reading beside up to three before it.
+fn beside_before(readings: impl Iterator<Item = Single>) -> Vec<Apart> {
+    let mut before: BTreeMap<((usize, i64), usize), VecDeque<[f64; 2]>> = BTreeMap::new();
+    let mut all = Vec::new();
+    for Single { pass, axis, residual, of, independent } in readings {
+        let before = before.entry((pass, axis)).or_default();
+        let n = before.len() as f64;
+        if !before.is_empty() {
+            let [mean, other] = before.iter().fold([0.0; 2], |[s, o], b| [s + b[0] / n, o + b[1] / n]);
+            let square = (residual - mean).powi(2) / (1.0 + 1.0 / n);
+            all.push(Apart { square, of: (of + other / n) / (1.0 + 1.0 / n), axis, independent });
         }
-        if let Some((residual, other)) = last.insert((r.run, r.repeat, axis), (residuals[i], own)) {
-            let square = 0.5 * (residuals[i] - residual).powi(2);
-            all.push(Neighbours { square, of_both: 0.5 * (own + other), axis });
+        before.push_back([residual, of]);
+        if before.len() > REPEATS {
+            before.pop_front();
         }
     }
     all
@@ -95,7 +129,7 @@ pub struct AngleNoise {
     pub instrument: usize,
     /// Standard deviation across the line of sight per distance, um/m.
     pub um_per_m: f64,
-    /// Twice the logarithm of the likelihood against noise that is the same in all directions.
+    /// Twice the logarithm of the likelihood of as many independent readings, against noise that is the same in all directions.
     pub evidence: f64,
 }
 
@@ -107,13 +141,8 @@ const ELSEWHERE: f64 = 0.8;
 pub fn angle_noise(session: &Session, residuals: &[f64]) -> Option<AngleNoise> {
     (0..session.instruments.len())
         .filter_map(|class| {
-            let all = neighbours(session, residuals, class, |m| across_m2(m).unwrap_or(f64::NAN));
-            let rows: Vec<(f64, f64)> = all.iter().map(|n| (n.square, n.of_both)).collect();
-            let axes: Vec<usize> = all.iter().map(|n| n.axis).collect();
-            if rows.len() < 5 * FEW || !is_elsewhere(&rows, &axes) {
-                return None;
-            }
-            let (um_per_m, evidence) = by_angle(&rows, &axes)?;
+            let rows = apart(session, residuals, class, |m| across_m2(m).unwrap_or(f64::NAN))?;
+            let (um_per_m, evidence) = is_elsewhere(&rows).then(|| by_angle(&rows))??;
             Some(AngleNoise { instrument: class, um_per_m, evidence })
         })
         .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
@@ -121,10 +150,10 @@ pub fn angle_noise(session: &Session, residuals: &[f64]) -> Option<AngleNoise> {
 
 /// False where the distance across hardly changes in any direction: at one place a vibration along the direction of an axis
 /// looks the same.
-fn is_elsewhere(rows: &[(f64, f64)], axes: &[usize]) -> bool {
+fn is_elsewhere(rows: &[Apart]) -> bool {
     (0..3).any(|axis| {
-        let of: Vec<f64> = rows.iter().zip(axes).filter(|(_, a)| **a == axis).map(|(r, _)| r.1).collect();
-        let (low, high) = of.iter().fold((f64::INFINITY, 0.0f64), |(l, h), q| (l.min(*q), h.max(*q)));
+        let of = rows.iter().filter(|r| r.axis == axis).map(|r| r.of);
+        let (low, high) = of.fold((f64::INFINITY, 0.0f64), |(l, h), q| (l.min(q), h.max(q)));
         low < ELSEWHERE * high
     })
 }
@@ -136,19 +165,20 @@ fn across_m2(m: &Moment) -> Option<f64> {
     (m.range_mm > 0.0).then(|| share * (1e-3 * m.range_mm).powi(2))
 }
 
-/// Noise per distance and its evidence from squares of residuals and squares of distances across; `axes` are the directions.
-fn by_angle(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
-    let scatter = Scatter::of(rows, axes)?;
-    let far = rows.iter().map(|r| r.1).sum::<f64>() / rows.len() as f64;
+/// Noise per distance and its evidence, of squares of distances across.
+fn by_angle(rows: &[Apart]) -> Option<(f64, f64)> {
+    let scatter = Scatter::of(rows)?;
+    let far = rows.iter().map(|r| r.of).sum::<f64>() / rows.len() as f64;
     if far <= 0.0 {
         return None;
     }
     // variance = size times (1 - share + share q / mean of q)
+    let shape = |share: f64| move |k: usize| 1.0 - share + share * rows[k].of / far;
     let (share, best) = (1..=50)
         .map(|k| f64::from(k) / 50.0 * 0.999)
-        .map(|share| (share, scatter.likelihood(&|k| 1.0 - share + share * rows[k].1 / far)))
+        .map(|share| (share, scatter.likelihood(&shape(share))))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let evidence = scatter.evidence(best)?;
+    let evidence = scatter.evidence(best, &shape(share))?;
     (share >= HALF).then(|| ((scatter.mean * share / far).sqrt(), evidence))
 }
 
@@ -156,100 +186,136 @@ fn by_angle(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
 struct Scatter<'a> {
     /// Squares, clipped.
     squares: Vec<f64>,
-    /// Direction of each.
-    axes: &'a [usize],
+    rows: &'a [Apart],
     /// Their mean before that.
     mean: f64,
 }
 
 impl<'a> Scatter<'a> {
-    fn of(rows: &[(f64, f64)], axes: &'a [usize]) -> Option<Self> {
-        let mean = rows.iter().map(|r| r.0).sum::<f64>() / rows.len() as f64;
+    fn of(rows: &'a [Apart]) -> Option<Self> {
+        let mean = rows.iter().map(|r| r.square).sum::<f64>() / rows.len() as f64;
         let most = SIGNIFICANT * SIGNIFICANT * mean;
-        let squares = rows.iter().map(|r| r.0.min(most)).collect();
-        (mean > 0.0).then_some(Self { squares, axes, mean })
+        let squares = rows.iter().map(|r| r.square.min(most)).collect();
+        (mean > 0.0).then_some(Self { squares, rows, mean })
+    }
+
+    /// Mean square where the variance has a shape.
+    fn size(&self, shape: &dyn Fn(usize) -> f64) -> f64 {
+        self.squares.iter().enumerate().map(|(k, s)| s / shape(k)).sum::<f64>() / self.squares.len() as f64
     }
 
     /// Logarithm of the likelihood where the variance has a shape.
     fn likelihood(&self, shape: &dyn Fn(usize) -> f64) -> f64 {
         let n = self.squares.len();
-        let size = self.squares.iter().enumerate().map(|(k, s)| s / shape(k)).sum::<f64>() / n as f64;
-        -0.5 * (n as f64 * size.max(1e-300).ln() + (0..n).map(|k| shape(k).ln()).sum::<f64>())
+        let size = self.size(shape).max(1e-300);
+        -0.5 * (n as f64 * size.ln() + (0..n).map(|k| shape(k).ln()).sum::<f64>())
     }
 
-    /// What a shape of this likelihood says against an even scatter: half of the ratio of likelihoods counts, because partners in
-    /// repeats are not independent. None where the directions explain it.
-    fn evidence(&self, likelihood: f64) -> Option<f64> {
-        let evidence = likelihood - self.likelihood(&|_| 1.0);
+    /// What a shape of this likelihood says against an even scatter, by quasi-likelihood: of what is independent, and less where
+    /// the noise has heavy tails, whose squares vary more than twice the square of their mean (McCullagh, Nelder 1989, 9.2).
+    /// None where the directions explain it.
+    fn evidence(&self, likelihood: f64, shape: &dyn Fn(usize) -> f64) -> Option<f64> {
+        let gain = likelihood - self.likelihood(&|_| 1.0);
         let own: [f64; 3] = core::array::from_fn(|axis| {
-            let of_axis = self.squares.iter().zip(self.axes).filter(|(_, a)| **a == axis);
+            let of_axis = self.squares.iter().zip(self.rows).filter(|(_, r)| r.axis == axis);
             let (sum, n) = of_axis.fold((0.0, 0usize), |(sum, n), (s, _)| (sum + s, n + 1));
             (sum / n.max(1) as f64).max(1e-9 * self.mean)
         });
-        let is_a_direction = self.likelihood(&|k| own[self.axes[k]]) - likelihood > HALF * evidence;
-        (!is_a_direction).then_some(evidence)
+        let is_a_direction = self.likelihood(&|k| own[self.rows[k].axis]) - likelihood > HALF * gain;
+        let (n, size) = (self.rows.len() as f64, self.size(shape));
+        let square = |(k, s): (usize, &f64)| (s / (size * shape(k)) - 1.0).powi(2);
+        let dispersion = (HALF * self.squares.iter().enumerate().map(square).sum::<f64>() / n).max(1.0);
+        let independent = OVERLAP * self.rows.iter().map(|r| r.independent).sum::<f64>() / n;
+        (!is_a_direction).then(|| 2.0 * gain * independent / dispersion)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::constants::STRONG;
     use super::super::Random;
-    use super::{by_angle, by_range, is_elsewhere};
+    use super::{Apart, Single, beside_before, by_angle, by_range, is_elsewhere};
 
     /// Readings along three axes at three distances from a station; noise of the angles per metre, of the length, of one axis.
-    fn readings(angles: f64, length: f64, one_axis: f64) -> (Vec<(f64, f64)>, Vec<usize>) {
+    fn readings(angles: f64, length: f64, one_axis: f64) -> Vec<Apart> {
         let mut random = Random::new(3);
         let across = [0.3, 0.7, 0.98];
         (0..600)
             .map(|i| {
                 let (axis, range_m) = (i % 3, 1.8 + 0.2 * f64::from((i / 3) as u32 % 3));
-                let q = across[axis] * range_m * range_m;
+                let of = across[axis] * range_m * range_m;
                 let own = if axis == 2 { one_axis } else { 0.0 };
-                let std = (angles * angles * q + length * length + own * own).sqrt();
-                (((std * random.normal()).powi(2), q), axis)
+                let std = (angles * angles * of + length * length + own * own).sqrt();
+                Apart { square: (std * random.normal()).powi(2), of, axis, independent: 1.0 }
             })
-            .unzip()
+            .collect()
+    }
+
+    /// Two passes over a line away from the instrument, along two axes, whose repeats were compared; `noise` of each reading by its
+    /// range in m.
+    fn passes(noise: &mut impl FnMut(f64) -> f64) -> Vec<Apart> {
+        let points = 120;
+        let differences: Vec<f64> = (0..points)
+            .map(|i| {
+                let range_m = range_m(i);
+                noise(range_m) - noise(range_m)
+            })
+            .collect();
+        let single = |(repeat, i): (i64, usize)| Single {
+            pass: (0, repeat),
+            axis: i % 2,
+            residual: (0.5 - repeat as f64) * differences[i] * 2f64.sqrt(),
+            of: range_m(i),
+            independent: 0.5,
+        };
+        beside_before((0..2).flat_map(|repeat| (0..points).map(move |i| (repeat, i))).map(single))
+    }
+
+    fn range_m(i: usize) -> f64 {
+        0.7 + 1.3 * (i / 2) as f64 / 60.0
     }
 
     #[test]
     fn noise_of_angles_is_found_with_its_size() {
-        let (rows, axes) = readings(5.0, 1.0, 0.0);
-        let (um_per_m, evidence) = by_angle(&rows, &axes).unwrap();
+        let (um_per_m, evidence) = by_angle(&readings(5.0, 1.0, 0.0)).unwrap();
         assert!((um_per_m - 5.0).abs() < 0.5 && evidence > 30.0, "{um_per_m} {evidence}");
     }
 
     #[test]
     fn an_instrument_that_looks_at_one_place_shows_no_angles() {
-        let here: Vec<(f64, f64)> = (0..90).map(|i| (1.0, [0.02, 0.9, 1.0][i % 3])).collect();
-        let axes: Vec<usize> = (0..90).map(|i| i % 3).collect();
-        assert!(!is_elsewhere(&here, &axes));
-        let (rows, axes) = readings(5.0, 1.0, 0.0);
-        assert!(is_elsewhere(&rows, &axes));
+        let across = [0.02, 0.9, 1.0];
+        let here = |i: usize| Apart { square: 1.0, of: across[i % 3], axis: i % 3, independent: 1.0 };
+        assert!(!is_elsewhere(&(0..90).map(here).collect::<Vec<_>>()));
+        assert!(is_elsewhere(&readings(5.0, 1.0, 0.0)));
     }
 
     #[test]
     fn noise_that_grows_with_the_range_is_found_with_its_power() {
         let mut random = Random::new(5);
-        let mut readings = |exponent: f64| {
-            let rows: Vec<(f64, f64)> = (0..360)
-                .map(|i| {
-                    let range = 700.0 + 3.6 * f64::from(i);
-                    ((2.0 * (range / 1300.0).powf(exponent) * random.normal()).powi(2), range)
-                })
-                .collect();
-            let axes: Vec<usize> = (0..360).map(|i| i % 3).collect();
-            by_range(&rows, &axes)
+        let (exponent, evidence) = by_range(&passes(&mut |r| 2.0 * r.powi(2) * random.normal())).unwrap();
+        assert!((exponent - 2.0).abs() < 0.5 && evidence > 2.0 * STRONG, "{exponent} {evidence}");
+    }
+
+    #[test]
+    fn chance_is_no_noise_that_grows_with_the_range() {
+        let mut random = Random::new(11);
+        let mut alarms = |heavy: bool| {
+            let mut noise = |_: f64| {
+                // Student's t of four degrees of freedom
+                let squares = (0..4).map(|_| random.normal().powi(2)).sum::<f64>();
+                random.normal() / if heavy { (squares / 4.0).sqrt() } else { 1.0 }
+            };
+            (0..400).filter(|_| by_range(&passes(&mut noise)).is_some_and(|(_, e)| e > STRONG)).count()
         };
-        let (exponent, evidence) = readings(1.0).unwrap();
-        assert!((exponent - 1.0).abs() < 0.4 && evidence > 8.0, "{exponent} {evidence}");
-        assert!(readings(0.0).is_none_or(|(_, evidence)| evidence < 4.0));
+        let [normal, heavy] = [alarms(false), alarms(true)];
+        // 0.2 % of one-sided tests of one degree of freedom
+        assert!(normal <= 4 && heavy <= 6, "{normal} and {heavy} of 400");
     }
 
     #[test]
     fn noise_of_the_length_and_of_one_axis_is_none() {
-        let (rows, axes) = readings(0.0, 2.0, 0.0);
-        assert!(by_angle(&rows, &axes).is_none_or(|(_, evidence)| evidence < 10.0));
-        let (rows, axes) = readings(0.0, 1.0, 4.0);
-        assert_eq!(by_angle(&rows, &axes), None);
+        let even = by_angle(&readings(0.0, 2.0, 0.0));
+        assert!(even.is_none_or(|(_, evidence)| evidence < STRONG), "{even:?}");
+        assert_eq!(by_angle(&readings(0.0, 1.0, 4.0)), None);
     }
 }
