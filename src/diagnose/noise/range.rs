@@ -51,12 +51,12 @@ fn by_range(rows: &[Apart]) -> Option<(f64, f64)> {
     Some((exponent, evidence))
 }
 
+/// Run, repeat and the direction in which it looks.
+type Pass = (usize, i64, usize);
+
 /// A reading at rest whose residual is known.
 struct Single {
-    /// Run and repeat.
-    pass: (usize, i64),
-    /// The direction in which it looks.
-    axis: usize,
+    pass: Pass,
     residual: f64,
     /// What was asked.
     of: f64,
@@ -90,8 +90,7 @@ fn apart(
     let readings = known().filter(|i| session.readings[*i].instrument == class).filter_map(|i| {
         let (r, m) = (&session.readings[i], &session.moments[i]);
         let single = Single {
-            pass: (r.run, r.repeat),
-            axis: m.u.iamax(),
+            pass: (r.run, r.repeat, m.u.iamax()),
             residual: residuals[i],
             of: of(m),
             independent: r.pair.map_or(1.0, |p| 1.0 - 1.0 / repeats[&p]),
@@ -104,15 +103,15 @@ fn apart(
 
 /// Each reading beside up to three before it.
 fn beside_before(readings: impl Iterator<Item = Single>) -> Vec<Apart> {
-    let mut before: BTreeMap<((usize, i64), usize), VecDeque<[f64; 2]>> = BTreeMap::new();
+    let mut before: BTreeMap<Pass, VecDeque<[f64; 2]>> = BTreeMap::new();
     let mut all = Vec::new();
-    for Single { pass, axis, residual, of, independent } in readings {
-        let before = before.entry((pass, axis)).or_default();
+    for Single { pass, residual, of, independent } in readings {
+        let before = before.entry(pass).or_default();
         let n = before.len() as f64;
         if !before.is_empty() {
             let [mean, other] = before.iter().fold([0.0; 2], |[s, o], b| [s + b[0] / n, o + b[1] / n]);
             let square = (residual - mean).powi(2) / (1.0 + 1.0 / n);
-            all.push(Apart { square, of: (of + other / n) / (1.0 + 1.0 / n), axis, independent });
+            all.push(Apart { square, of: (of + other / n) / (1.0 + 1.0 / n), axis: pass.2, independent });
         }
         before.push_back([residual, of]);
         if before.len() > REPEATS {
@@ -262,8 +261,7 @@ mod tests {
             })
             .collect();
         let single = |(repeat, i): (i64, usize)| Single {
-            pass: (0, repeat),
-            axis: i % 2,
+            pass: (0, repeat, i % 2),
             residual: (0.5 - repeat as f64) * differences[i] * 2f64.sqrt(),
             of: range_m(i),
             independent: 0.5,

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::super::Analysis;
-use super::super::constants::{DEVIATION_EXPECTED, DEVIATIONS, LITTLE};
+use super::super::constants::{DEGENERATE, DEVIATION_EXPECTED, DEVIATIONS, LITTLE};
 use super::super::forecast::Contributions;
 use super::super::library::legendre;
 use super::super::moment::{Axis, Moment};
@@ -61,8 +61,8 @@ fn quantities(session: &Session, but: Option<Axis>) -> Vec<Quantity<'_>> {
     all
 }
 
-/// Products of a contribution with Legendre polynomials of each quantity over the range in which it acts, [`DEGREE`]
-/// columns each.
+/// Products of a contribution with polynomials of each quantity, [`DEGREE`] columns each: orthogonal to it and to each other, as large
+/// as those with Legendre polynomials over an even range, so that a coefficient says the same wherever in the range it acts.
 fn products(session: &Session, a: &Analysis, part: &[f64], but: Option<Axis>) -> Vec<Vec<f64>> {
     let least = LITTLE * part.iter().map(|p| p * p).sum::<f64>() / part.len().max(1) as f64;
     let mut columns = Vec::new();
@@ -75,13 +75,18 @@ fn products(session: &Session, a: &Analysis, part: &[f64], but: Option<Axis>) ->
         if !is_known || high - low <= f64::EPSILON.sqrt() * (1.0 + high.abs()) {
             continue;
         }
+        let powers = DMatrix::from_fn(part.len(), DEGREE + 1, |i, degree| {
+            let mut l = [0.0; DEGREE + 1];
+            legendre(((2.0 * values[i] - low - high) / (high - low)).clamp(-1.0, 1.0), &mut l);
+            part[i] * l[degree]
+        });
+        let size = powers.column(0).norm();
+        let (basis, r) = powers.qr().unpack();
         for degree in 1..=DEGREE {
-            let at = |(v, p): (&f64, &f64)| {
-                let mut l = [0.0; DEGREE + 1];
-                legendre(((2.0 * v - low - high) / (high - low)).clamp(-1.0, 1.0), &mut l);
-                p * l[degree]
-            };
-            columns.push(values.iter().zip(part).map(at).collect());
+            // two values of a quantity show no second degree
+            let is_shown = r[(degree, degree)].powi(2) > DEGENERATE * size * size;
+            let scale = if is_shown { size / (2.0 * degree as f64 + 1.0).sqrt() } else { 0.0 };
+            columns.push(basis.column(degree).iter().map(|v| scale * v).collect());
         }
     }
     columns

@@ -181,8 +181,14 @@ fn kept(
 
 #[test]
 fn a_beam_that_turns_its_end_and_does_not_drop_is_no_beam() {
-    let beam =
-        Shape::Sag(forms::Sag { axis: Axis::Y, start_mm: 0.0, length_mm: 500.0, tool: true, lever: None });
+    let beam = Shape::Sag(forms::Sag {
+        axis: Axis::Y,
+        up: Axis::Z,
+        start_mm: 0.0,
+        length_mm: 500.0,
+        tool: true,
+        lever: None,
+    });
     let said = |drop: f64| {
         let noise = DVector::from_fn(N, |i, _| 1.4 * (1.3 * (i * i) as f64).sin());
         let y = wave(|x| x * x) * drop + wave(|x| x) * 30.0 + noise;
