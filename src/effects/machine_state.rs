@@ -3,6 +3,7 @@
 //! Positions are commanded ones, mm and rad; a quantity that is not known is NaN, and no effect that needs it is tried
 //! (`docs/reference/session-files.md` 1 lists the columns).
 
+use core::f64::consts::TAU;
 use core::fmt;
 
 use serde::{Deserialize, Serialize};
@@ -339,6 +340,8 @@ pub struct Machine {
     pub tool_tip_mm: Vec3,
     /// Spindle nose at home, mm, where known.
     pub gauge_point_mm: Option<Vec3>,
+    /// The linear axis that points up, where the model says it.
+    pub vertical: Option<Axis>,
 }
 
 /// An axis of the chain.
@@ -370,7 +373,17 @@ impl Machine {
                 travel: None,
             })
             .collect();
-        Self { axes, tool_tip_mm: Vec3::zeros(), gauge_point_mm: None }
+        Self { axes, tool_tip_mm: Vec3::zeros(), gauge_point_mm: None, vertical: None }
+    }
+
+    /// The axis that points up. Where the model does not say it, Z; Y where the table turns all the way about Y and not about Z:
+    /// a horizontal spindle.
+    #[must_use]
+    pub fn up(&self) -> Axis {
+        let on_table = |turn: Axis| self.axes.iter().find(move |a| a.axis == turn && a.workpiece_side);
+        let turns = |a: &MachineAxis| a.travel.is_some_and(|[low, high]| high - low >= TAU);
+        let is_horizontal = on_table(Axis::B).is_some_and(turns) && on_table(Axis::C).is_none();
+        self.vertical.unwrap_or(if is_horizontal { Axis::Y } else { Axis::Z })
     }
 
     /// The linear axes whose travel is a lever of the angular errors of `axis`: those between it and the tool, and itself

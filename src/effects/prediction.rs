@@ -23,7 +23,8 @@ pub fn machine_of(spec: &ModelSpec, model: &Model) -> Machine {
             })
         })
         .collect();
-    Machine { axes, tool_tip_mm: model.tool_tip(), gauge_point_mm: spec.gauge_point }
+    let vertical = spec.vertical.and_then(Axis::from_name);
+    Machine { axes, tool_tip_mm: model.tool_tip(), gauge_point_mm: spec.gauge_point, vertical }
 }
 
 /// The pose of a machine state.

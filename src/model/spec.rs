@@ -91,6 +91,8 @@ pub struct ModelSpec {
     pub tool_tip: Vec3,
     /// Spindle nose in M at home, mm; the tip is this point minus the tool length along z.
     pub gauge_point: Option<Vec3>,
+    /// The linear axis that points up, where it is said: weights pull against it.
+    pub vertical: Option<AxisName>,
     /// Tilt of the spindle and error of the tool length; they need the gauge point.
     pub tool: ToolErrors,
     /// Coordinates at which the workpiece datum was touched, mm and rad (equations 1.9): deviations are then relative to
@@ -112,6 +114,7 @@ impl ModelSpec {
             workpiece_origin: Vec3::zeros(),
             tool_tip: Vec3::zeros(),
             gauge_point: None,
+            vertical: None,
             tool: ToolErrors::default(),
             datum: Vec::new(),
             axes: Vec::new(),

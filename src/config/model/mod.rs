@@ -26,6 +26,8 @@ use volcomp_protocol::Name;
 
 /// The `format` of a model file.
 pub const FORMAT: &str = "volcomp-model/1";
+/// The axis that points up.
+const VERTICAL: [(&str, AxisName); 3] = [("x", AxisName::X), ("y", AxisName::Y), ("z", AxisName::Z)];
 
 /// A model with what its file says about where the numbers come from.
 #[derive(Debug, Clone, PartialEq)]
@@ -203,6 +205,7 @@ fn read_frame(frame: &Section<'_>, spec: &mut ModelSpec) {
         spec.tool_tip = p.value;
     }
     spec.gauge_point = point(frame, "gauge-point-mm").map(|p| p.value);
+    spec.vertical = frame.choice("vertical", &VERTICAL);
     read_datum(&frame.section("datum"), spec);
     frame.finish();
 }

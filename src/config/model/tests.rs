@@ -168,7 +168,8 @@ fn no_text_makes_the_parser_panic() {
 
 /// All numbers of a model in a fixed order, and everything else as text.
 fn flat(spec: &ModelSpec) -> (Vec<f64>, Vec<String>) {
-    let (mut n, mut t) = (Vec::new(), vec![spec.machine.clone(), spec.chain.to_string()]);
+    let (mut n, mut t) =
+        (Vec::new(), vec![spec.machine.clone(), spec.chain.to_string(), format!("{:?}", spec.vertical)]);
     n.extend(spec.workpiece_origin.iter().chain(spec.tool_tip.iter()));
     n.extend(spec.gauge_point.iter().flat_map(|p| p.iter()));
     for a in &spec.axes {
@@ -345,6 +346,7 @@ fn any_model() -> impl Strategy<Value = ModelSpec> {
                 let mut spec = ModelSpec::new("any-machine", chain.clone());
                 spec.gauge_point = gauge.map(Vec3::from);
                 if let Some([x, y, z]) = gauge {
+                    spec.vertical = Some(AxisName::Y);
                     spec.tool = ToolErrors { tilt: [x * 1e-6, y * 1e-6], length: z * 1e-6 };
                     spec.datum = spec.chain.axes().iter().map(|a| (a.name, 0.25)).collect();
                 }

@@ -39,6 +39,9 @@ pub fn write_file(model: &ModelFile, comment: &[String]) -> String {
     if let Some(p) = &spec.gauge_point {
         line_of(&mut out, format_args!("gauge-point-mm = {}", point(p)));
     }
+    if let Some(up) = spec.vertical {
+        line_of(&mut out, format_args!("vertical = \"{}\"", up.lower()));
+    }
     if !spec.datum.is_empty() {
         heading(&mut out, "frame.datum");
         for (axis, at) in &spec.datum {

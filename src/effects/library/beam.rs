@@ -15,7 +15,9 @@ const PIVOT_MAX: f64 = 1.0;
 /// Variants of `sag`.
 pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
     let axis = of.axis;
-    let Some([low, high]) = data.moved(axis)?.filter(|_| axis != Axis::Z) else { return Ok(Vec::new()) };
+    let up = data.machine.up();
+    let Some(range) = data.moved(axis)?.filter(|_| axis != up) else { return Ok(Vec::new()) };
+    let [low, high] = outwards(axis, range);
     if data.only_angles {
         return Err("angles alone show its slope only, which is an angular error motion".into());
     }
@@ -25,29 +27,51 @@ pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
     let mut shapes: Vec<Shape> = Vec::new();
     for length_mm in LENGTHS.map(|f| 2.0 * half * f) {
         for tool in [false, true].into_iter().filter(|t| !t || data.tools || under.is_some()) {
-            shapes.push(Sag { axis, start_mm: low, length_mm, tool, lever: under.filter(|_| tool) }.into());
+            let (start_mm, lever) = (outward(axis) * low, under.filter(|_| tool));
+            shapes.push(Sag { axis, up, start_mm, length_mm, tool, lever }.into());
         }
     }
     // the drop is that of the reference points or of the nose
-    let across = Axis::LINEAR[1 - axis.direction()];
+    let across = Axis::LINEAR[3 - axis.direction() - up.direction()];
     let levers = [data.arm(axis, across), Lever { home_mm: data.below_nose().into(), ..own }];
     // drawn in as far as it goes, a ram may hang over already
-    for start_mm in OVERHANGS.map(|o| if o > 0.0 { low - o * 2.0 * half } else { low.min(0.0) }) {
-        let reach_mm = low + 2.0 * half - start_mm;
+    for start in OVERHANGS.map(|o| if o > 0.0 { low - o * 2.0 * half } else { low.min(0.0) }) {
+        let (start_mm, reach_mm) = (outward(axis) * start, low + 2.0 * half - start);
         for lever in levers {
             let rams = [(false, false), (true, false), (true, true)]
-                .map(|(moment, beam)| Ram { axis, start_mm, reach_mm, lever, moment, beam }.into());
+                .map(|(moment, beam)| Ram { axis, up, start_mm, reach_mm, lever, moment, beam }.into());
             shapes.extend(rams);
         }
     }
     data.structural(shapes)
 }
 
-/// Bending of a cantilever: `d_z = w s^2 (3 L - s)/(2 L^3)`, `s = x - start`, and its slope times the tool length.
+/// The sense of an axis in which what hangs over grows: a spindle comes out against Z (ISO 841).
+fn outward(axis: Axis) -> f64 {
+    if axis == Axis::Z { -1.0 } else { 1.0 }
+}
+
+/// A range in that sense.
+fn outwards(axis: Axis, [low, high]: [f64; 2]) -> [f64; 2] {
+    if outward(axis) < 0.0 { [-high, -low] } else { [low, high] }
+}
+
+const fn z() -> Axis {
+    Axis::Z
+}
+
+fn is_z(axis: &Axis) -> bool {
+    *axis == Axis::Z
+}
+
+/// Bending of a cantilever: drop `w s^2 (3 L - s)/(2 L^3)`, `s` its way out from the start, and its slope times the tool length.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Sag {
     pub axis: Axis,
+    /// The axis against which it drops.
+    #[serde(default = "z", skip_serializing_if = "is_z")]
+    pub up: Axis,
     pub start_mm: f64,
     pub length_mm: f64,
     pub tool: bool,
@@ -66,13 +90,15 @@ impl Form for Sag {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let (s, length) = (m.position[self.axis.slot()] - self.start_mm, self.length_mm);
+        let (sense, length) = (outward(self.axis), self.length_mm);
+        let s = sense * (m.position[self.axis.slot()] - self.start_mm);
         let cube = 2.0 * length.powi(3);
-        out[0] = Vec3::new(0.0, 0.0, -s * s * (3.0 * length - s) / cube);
+        let up = unit(self.up.direction());
+        out[0] = up * (-s * s * (3.0 * length - s) / cube);
         if self.tool {
             let arm = self.lever.map_or_else(|| unit(2) * -m.tool_length_mm, |l| l.at(m));
             let slope = (6.0 * length * s - 3.0 * s * s) / cube;
-            out[1] = unit(self.axis.direction()).cross(&unit(2)).cross(&arm) * slope;
+            out[1] = unit(self.axis.direction()).cross(&up).cross(&arm) * (sense * slope);
         }
     }
 
@@ -111,7 +137,7 @@ impl Form for Sag {
 
     fn traits(&self) -> Traits {
         Traits {
-            acts_along: (!self.tool).then_some(Axis::Z),
+            acts_along: (!self.tool).then_some(self.up),
             over: Some(self.axis),
             is_free_curve: true,
             ..Traits::default()
@@ -119,12 +145,15 @@ impl Form for Sag {
     }
 }
 
-/// A ram that moves out by s: weight at its end and own weight, `d_z = -(w1 s^3 + w2 s^4)` over powers of its reach, and
+/// A ram that moves out by s: weight at its end and own weight, drop `w1 s^3 + w2 s^4` over powers of its reach, and
 /// the slope of that times the lever to the tool; with a moment at its end, too, `w3 s^2`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Ram {
     pub axis: Axis,
+    /// The axis against which it drops.
+    #[serde(default = "z", skip_serializing_if = "is_z")]
+    pub up: Axis,
     pub start_mm: f64,
     pub reach_mm: f64,
     pub lever: Lever,
@@ -148,13 +177,14 @@ impl Form for Ram {
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
         // slopes of the end as multiples of the drop per length: 3/2, 4/3 and 2 where the ram moves out
         let slopes = if self.beam { [3.0, 4.0, 2.0] } else { [1.5, 4.0 / 3.0, 2.0] };
-        let reach = self.reach_mm;
-        let s = (m.position[self.axis.slot()] - self.start_mm).max(0.0) / reach;
-        // turns what points along the axis down
-        let arm = unit(self.axis.direction()).cross(&unit(2)).cross(&self.lever.at(m));
+        let (sense, reach) = (outward(self.axis), self.reach_mm);
+        let s = (sense * (m.position[self.axis.slot()] - self.start_mm)).max(0.0) / reach;
+        let up = unit(self.up.direction());
+        // turns what points out down
+        let arm = unit(self.axis.direction()).cross(&up).cross(&self.lever.at(m)) * sense;
         // a weight at the end bends it by s^3, its own by s^4, a moment by s^2
         for ((o, power), slope) in out.iter_mut().zip([3, 4, 2]).zip(slopes) {
-            *o = unit(2) * -s.powi(power) - arm * (slope * s.powi(power - 1) / reach);
+            *o = up * -s.powi(power) - arm * (slope * s.powi(power - 1) / reach);
         }
     }
 
@@ -179,17 +209,19 @@ impl Form for Ram {
     }
 
     fn changed(&self, f: f64) -> Vec<Shape> {
-        let end_mm = self.start_mm + self.reach_mm;
-        let reach_mm = self.reach_mm * f;
-        let longer = Self { start_mm: end_mm - reach_mm, reach_mm, ..self.clone() }.into();
+        let longer_by_mm = self.reach_mm * (f - 1.0);
+        let (start_mm, reach_mm) =
+            (self.start_mm - outward(self.axis) * longer_by_mm, self.reach_mm + longer_by_mm);
+        let longer = Self { start_mm, reach_mm, ..self.clone() }.into();
         // a moment at the end bends to so much that any pivot would do
-        let across = [self.axis.slot(), Axis::Z.slot()].into_iter().filter(|_| !self.moment);
+        let across = [self.axis.slot(), self.up.slot()].into_iter().filter(|_| !self.moment);
         std::iter::once(longer).chain(across.map(|k| with(self, |s| s.lever.move_pivot(k, f)))).collect()
     }
 
     fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
-        let [low, high] = span(self.axis);
-        let hangs_over = (0.0..=OVERHANG_MAX * (high - low)).contains(&(low - self.start_mm));
+        let [low, high] = outwards(self.axis, span(self.axis));
+        let hangs_over =
+            (0.0..=OVERHANG_MAX * (high - low)).contains(&(low - outward(self.axis) * self.start_mm));
         hangs_over && self.lever.is_within(span, PIVOT_MAX)
     }
 

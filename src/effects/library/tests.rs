@@ -316,6 +316,7 @@ fn a_moment_bends_a_ram_with_the_square_of_its_reach() {
     let lever = Lever { axes: [false; 3], home_mm: [0.0; 3], tool: false };
     let ram = Shape::Ram(forms::Ram {
         axis: Axis::Y,
+        up: Axis::Z,
         start_mm: 0.0,
         reach_mm: 100.0,
         lever,
@@ -326,6 +327,52 @@ fn a_moment_bends_a_ram_with_the_square_of_its_reach() {
     m.position[1] = 50.0;
     let drops: Vec<f64> = evaluated(&ram, &m).iter().map(|d| d.z).collect();
     assert_eq!(drops, [-0.125, -0.0625, -0.25]);
+}
+
+#[test]
+fn a_horizontal_ram_drops_as_it_comes_out_and_turns_its_tool_down() {
+    let lever = Lever { axes: [false; 3], home_mm: [0.0, 0.0, -80.0], tool: false };
+    let (axis, up, start_mm, reach_mm) = (Axis::Z, Axis::Y, 0.0, 100.0);
+    let ram = forms::Ram { axis, up, start_mm, reach_mm, lever, moment: false, beam: false };
+    let mut m = MachineState::default();
+    m.position[2] = -50.0;
+    // half out: 1/8 at the nose, and 80 mm farther at the slope 3/2 s^2 per reach
+    let drop = evaluated(&Shape::Ram(ram), &m)[0];
+    assert!((drop - Vec3::new(0.0, -0.125 - 80.0 * 1.5 * 0.25 / 100.0, 0.0)).norm() < 1e-12, "{drop}");
+    let mut data = all_data();
+    data.machine.vertical = Some(Axis::Y);
+    let sag = EFFECTS.iter().find(|e| e.name == "sag").unwrap();
+    let shapes: Vec<Shape> =
+        sag.subjects.all().iter().flat_map(|s| (sag.variants)(&data, s).unwrap()).collect();
+    assert_eq!(shapes.len(), 2 * (6 + 18), "along x and z, none along y");
+    for shape in shapes.iter().filter(|s| s.over() == Some(Axis::Z)) {
+        let drop = |z: f64| {
+            m.position[2] = z;
+            evaluated(shape, &m)[0].y
+        };
+        let [within, out] = [300.0, -300.0].map(drop);
+        assert!(out < within - 0.1, "{shape:?}: {within} {out}");
+    }
+}
+
+#[test]
+fn gravity_pulls_against_z_unless_the_model_says_or_its_table_shows_otherwise() {
+    let of = |chain: &str, travel: f64, vertical| {
+        let mut spec = ModelSpec::new("m", Chain::parse(chain).unwrap());
+        spec.vertical = vertical;
+        spec.axes = spec.chain.axes().iter().map(|a| AxisSpec::new(a.name)).collect();
+        spec.axes.iter_mut().for_each(|a| a.travel = Some([0.0, travel]));
+        let machine = machine_of(&spec, &Model::new(&spec).unwrap());
+        machine.up()
+    };
+    assert_eq!(of("[w b X Y Z t]", 7.0, None), Axis::Z);
+    assert_eq!(of("[w B' X' b Y Z t]", 7.0, None), Axis::Y);
+    // a swivel, a table on a swivel, a head, a rotary attachment on an upright machine
+    assert_eq!(of("[w B' X' b Y Z t]", 3.0, None), Axis::Z);
+    assert_eq!(of("[w C' B' X' b Y Z t]", 7.0, None), Axis::Z);
+    assert_eq!(of("[w b X Y Z B t]", 7.0, None), Axis::Z);
+    assert_eq!(of("[w B' X' b Y Z t]", 7.0, Some(Axis::Z.name())), Axis::Z);
+    assert_eq!(of("[w b X Y Z t]", 7.0, Some(Axis::Y.name())), Axis::Y);
 }
 
 #[test]
