@@ -16,7 +16,7 @@ use rustix::net::{RecvFlags, SendFlags, recv, send};
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
 use super::clock::Clock;
-use super::link::{Inbox, Received};
+use super::link::Received;
 use super::poll_schedule::{PollSchedule, Wait};
 use super::tls::{Identity, TlsStream};
 use volcomp_config::{LinkConfig, RealtimeConfig};
@@ -146,22 +146,22 @@ impl Connection {
         &self.stream
     }
 
-    /// Waits up to `wait` for bytes; zero takes what is there.
+    /// Waits up to `wait` for bytes, which go into `space`; zero takes what is there.
     ///
     /// # Cycle   no allocation without TLS
-    pub(super) fn receive(&mut self, wait: Duration, inbox: &mut dyn Inbox) -> io::Result<Received> {
+    pub(super) fn receive(&mut self, wait: Duration, space: &mut [u8]) -> io::Result<Received> {
         if wait.is_zero() || self.tls.as_ref().is_some_and(|tls| tls.has_more()) {
             // what has been decrypted is not on the socket any more, where a wait would look for it
-            return self.read_at_once(inbox);
+            return self.read_at_once(space);
         }
         if let Some(poll_schedule) = self.poll_schedule {
-            return self.poll_busily(poll_schedule, wait, inbox);
+            return self.poll_busily(poll_schedule, wait, space);
         }
         if wait < EXACT {
-            return if self.wait_for_data(wait)? { self.read_at_once(inbox) } else { Ok(Received::Nothing) };
+            return if self.wait_for_data(wait)? { self.read_at_once(space) } else { Ok(Received::Nothing) };
         }
         self.set_read_timeout(wait)?;
-        self.read(inbox)
+        self.read(space)
     }
 
     fn set_read_timeout(&mut self, wait: Duration) -> io::Result<()> {
@@ -197,14 +197,14 @@ impl Connection {
         &mut self,
         poll_schedule: PollSchedule,
         wait: Duration,
-        inbox: &mut dyn Inbox,
+        space: &mut [u8],
     ) -> io::Result<Received> {
         let mut now = self.clock.now();
         let end = now.plus_seconds(wait.as_secs_f64());
         while let Some(wait) = poll_schedule.wait(now, end) {
             let received = match wait {
                 Wait::Sleep(limit) if !self.wait_for_data(limit)? => Received::Nothing,
-                Wait::Sleep(_) | Wait::Poll => self.read_at_once(inbox)?,
+                Wait::Sleep(_) | Wait::Poll => self.read_at_once(space)?,
             };
             if received != Received::Nothing {
                 return Ok(received);
@@ -226,45 +226,37 @@ impl Connection {
     }
 
     /// Takes what is there.
-    fn read_at_once(&mut self, inbox: &mut dyn Inbox) -> io::Result<Received> {
-        let space = inbox.space();
+    fn read_at_once(&mut self, space: &mut [u8]) -> io::Result<Received> {
         let room = space.len();
         let mut socket = at_once(&self.stream);
         let result = match &mut self.tls {
             None => socket.read(space),
             Some(tls) => tls.read(&mut socket, space),
         };
-        self.taken(result, room, inbox)
+        self.taken(result, room)
     }
 
     /// Waits for at most the read timeout.
-    fn read(&mut self, inbox: &mut dyn Inbox) -> io::Result<Received> {
-        let space = inbox.space();
+    fn read(&mut self, space: &mut [u8]) -> io::Result<Received> {
         let room = space.len();
         let result = match &mut self.tls {
             None => self.stream.read(space),
             Some(tls) => tls.read(&mut waiting(&self.stream), space),
         };
-        self.taken(result, room, inbox)
+        self.taken(result, room)
     }
 
-    fn taken(
-        &mut self,
-        result: io::Result<usize>,
-        room: usize,
-        inbox: &mut dyn Inbox,
-    ) -> io::Result<Received> {
+    fn taken(&mut self, result: io::Result<usize>, room: usize) -> io::Result<Received> {
         match result {
             // no room is no end of the stream: what is in the buffer comes first
-            Ok(0) if room == 0 => Ok(Received::Bytes { at: self.clock.now(), more: true }),
+            Ok(0) if room == 0 => Ok(Received::Bytes { at: self.clock.now(), count: 0, more: true }),
             Ok(0) => Ok(Received::Closed),
             Ok(count) => {
                 let at = self.clock.now();
-                inbox.advance(count);
                 if let Some(poll_schedule) = &mut self.poll_schedule {
                     poll_schedule.arrived(at);
                 }
-                Ok(Received::Bytes { at, more: count == room })
+                Ok(Received::Bytes { at, count, more: count == room })
             }
             Err(e) if would_block(&e) => Ok(Received::Nothing),
             Err(e) => Err(e),

@@ -84,8 +84,9 @@ impl Cycle<'_> {
         if let Some(end) = self.timers(now, link)? {
             return Ok(Some(end));
         }
-        match link.receive(self.wait(now, link))? {
-            Received::Bytes { at, more } => self.frames(link, at, more),
+        let wait = self.wait(now, link);
+        match link.receive(wait)? {
+            Received::Bytes { at, more, .. } => self.frames(link, at, more),
             Received::Nothing => Ok(None),
             Received::Closed => Ok(Some(LinkEnd::Closed)),
         }
@@ -103,7 +104,7 @@ impl Cycle<'_> {
 
     /// What is due because time has passed: the engine's deadline, the life sign, the end of patience.
     fn timers(&mut self, now: MonoTime, link: &mut dyn ControlLink) -> io::Result<Option<LinkEnd>> {
-        if now.seconds_since(link.received()) >= self.limits.silence_s {
+        if now.seconds_since(link.life_signs().received) >= self.limits.silence_s {
             return Ok(Some(LinkEnd::Silent { limit_s: self.limits.silence_s }));
         }
         if self.session.next_deadline().is_some_and(|due| now >= due) {
@@ -116,15 +117,15 @@ impl Cycle<'_> {
         }
         link.show(self.session.state())?;
         self.session.run_shadow_on_deadline(now);
-        if now.seconds_since(link.sent()) >= self.limits.heartbeat_s {
+        if now.seconds_since(link.life_signs().sent) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;
         }
         Ok(None)
     }
 
-    fn wait(&self, now: MonoTime, link: &dyn ControlLink) -> Duration {
-        let heartbeat = link.sent().plus_seconds(self.limits.heartbeat_s);
-        let silence = link.received().plus_seconds(self.limits.silence_s);
+    fn wait(&self, now: MonoTime, link: &mut dyn ControlLink) -> Duration {
+        let heartbeat = link.life_signs().sent.plus_seconds(self.limits.heartbeat_s);
+        let silence = link.life_signs().received.plus_seconds(self.limits.silence_s);
         let due = heartbeat.min(silence);
         let due = self.session.next_deadline().map_or(due, |deadline| due.min(deadline));
         let wait = u64::try_from(due.ns.saturating_sub(now.ns)).unwrap_or(0);
@@ -146,14 +147,14 @@ impl Cycle<'_> {
                 let next = link.next_message();
                 if link.skipped() != skipped {
                     // an optional frame that is not known is a life sign all the same
-                    link.set_received(at);
+                    link.life_signs().received = at;
                 }
                 let message = match next {
                     Ok(Some(message)) => message,
                     Ok(None) => break,
                     Err(e) => return Ok(Some(LinkEnd::BadFrame(e))),
                 };
-                link.set_received(at);
+                link.life_signs().received = at;
                 if let Some(end) = self.message(link, at, &message, &mut batch)? {
                     return Ok(Some(end));
                 }
@@ -164,7 +165,7 @@ impl Cycle<'_> {
             }
             // the buffer was full: newer frames may be waiting, and they make these ones old
             match link.receive(Duration::ZERO)? {
-                Received::Bytes { at: later, more: again } => (at, more) = (later, again),
+                Received::Bytes { at: later, more: again, .. } => (at, more) = (later, again),
                 Received::Nothing => break,
                 Received::Closed => return Ok(Some(LinkEnd::Closed)),
             }
@@ -262,7 +263,7 @@ impl Cycle<'_> {
             self.live(received, &frame);
         }
         self.control.report(self.session, true);
-        let turnaround_ns = link.sent().ns - received.ns;
+        let turnaround_ns = link.life_signs().sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
         let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);
         let progress = &self.control.channels.progress;

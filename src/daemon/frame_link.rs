@@ -4,12 +4,11 @@ use std::io;
 use std::time::Duration;
 
 use super::connection::Connection;
-use super::link::{CallTimes, ControlLink, Received};
+use super::link::{ControlLink, LifeSigns, Received};
 use volcomp_protocol::{
     Close, CloseReason, ErrorCode, ErrorReport, FrameError, FrameReader, Heartbeat, MAX_FRAME, Message, Name,
     encode,
 };
-use volcomp_units::MonoTime;
 
 /// A link of frames.
 #[derive(Debug)]
@@ -18,21 +17,30 @@ pub(super) struct FrameLink {
     reader: FrameReader,
     out: [u8; MAX_FRAME],
     heartbeats: u32,
-    received: MonoTime,
-    sent: MonoTime,
+    life_signs: LifeSigns,
 }
 
 impl FrameLink {
     pub(super) fn new(connection: Connection) -> Self {
         let now = connection.now();
         let reader = FrameReader::default();
-        Self { connection, reader, out: [0; MAX_FRAME], heartbeats: 0, received: now, sent: now }
+        Self {
+            connection,
+            reader,
+            out: [0; MAX_FRAME],
+            heartbeats: 0,
+            life_signs: LifeSigns { received: now, sent: now },
+        }
     }
 }
 
 impl ControlLink for FrameLink {
     fn receive(&mut self, wait: Duration) -> io::Result<Received> {
-        self.connection.receive(wait, &mut self.reader)
+        let received = self.connection.receive(wait, self.reader.space())?;
+        if let Received::Bytes { count, .. } = received {
+            self.reader.advance(count);
+        }
+        Ok(received)
     }
 
     fn next_message(&mut self) -> Result<Option<Message>, FrameError> {
@@ -46,7 +54,7 @@ impl ControlLink for FrameLink {
     fn send(&mut self, message: &Message) -> io::Result<()> {
         let length = encode(message, &mut self.out);
         self.connection.send(&self.out[..length])?;
-        self.sent = self.connection.now();
+        self.life_signs.sent = self.connection.now();
         Ok(())
     }
 
@@ -56,20 +64,8 @@ impl ControlLink for FrameLink {
         self.send(&Message::Heartbeat(beat))
     }
 
-    fn received(&self) -> MonoTime {
-        self.received
-    }
-
-    fn set_received(&mut self, at: MonoTime) {
-        self.received = at;
-    }
-
-    fn sent(&self) -> MonoTime {
-        self.sent
-    }
-
-    fn call_times(&self) -> Option<CallTimes> {
-        None
+    fn life_signs(&mut self) -> &mut LifeSigns {
+        &mut self.life_signs
     }
 
     fn close(mut self: Box<Self>, error: Option<(ErrorCode, &str)>, reason: CloseReason) {

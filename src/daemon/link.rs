@@ -11,15 +11,14 @@ use super::connection::Connection;
 use super::frame_link::FrameLink;
 use super::read_write_link::ReadWriteLink;
 use volcomp_config::{Interface, LinkConfig};
-use volcomp_protocol::read_write::LineReader;
-use volcomp_protocol::{CloseReason, CorrectionState, ErrorCode, FrameError, FrameReader, Message};
+use volcomp_protocol::{CloseReason, CorrectionState, ErrorCode, FrameError, Message};
 use volcomp_units::MonoTime;
 
 /// What a read has brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Received {
-    /// Bytes at this time; `more` where the buffer was filled and more may be waiting.
-    Bytes { at: MonoTime, more: bool },
+    /// So many bytes at this time; `more` where the buffer was filled and more may be waiting.
+    Bytes { at: MonoTime, count: usize, more: bool },
     /// Nothing within the time allowed.
     Nothing,
     /// The control has closed its side.
@@ -33,6 +32,15 @@ pub(super) struct CallTimes {
     pub(super) read_ns: i64,
     /// From an offset to its confirmation.
     pub(super) write_ns: i64,
+}
+
+/// The last signs of life of either side.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LifeSigns {
+    /// When the last message or life sign came in.
+    pub(super) received: MonoTime,
+    /// When the last bytes went out.
+    pub(super) sent: MonoTime,
 }
 
 /// A driver for one kind of control.
@@ -56,14 +64,12 @@ pub(super) trait ControlLink: fmt::Debug {
     }
     /// Shows the control that this side lives.
     fn send_heartbeat(&mut self) -> io::Result<()>;
-    /// When the last message or life sign came in.
-    fn received(&self) -> MonoTime;
-    /// Something whole came in.
-    fn set_received(&mut self, at: MonoTime);
-    /// When the last bytes went out.
-    fn sent(&self) -> MonoTime;
+    /// When either side was last heard.
+    fn life_signs(&mut self) -> &mut LifeSigns;
     /// How long calls take; `None` where there are none.
-    fn call_times(&self) -> Option<CallTimes>;
+    fn call_times(&self) -> Option<CallTimes> {
+        None
+    }
     /// Says why, says good-bye, and waits shortly until the control has taken it in.
     fn close(self: Box<Self>, error: Option<(ErrorCode, &str)>, reason: CloseReason);
 }
@@ -73,33 +79,5 @@ pub(super) fn driver(connection: Connection, config: &LinkConfig) -> Box<dyn Con
     match config.interface {
         Interface::Frames => Box::new(FrameLink::new(connection)),
         Interface::ReadWrite { poll_s } => Box::new(ReadWriteLink::new(connection, poll_s)),
-    }
-}
-
-/// Where received bytes go.
-pub(super) trait Inbox {
-    /// Room for bytes.
-    fn space(&mut self) -> &mut [u8];
-    /// So many of them were filled.
-    fn advance(&mut self, count: usize);
-}
-
-impl Inbox for FrameReader {
-    fn space(&mut self) -> &mut [u8] {
-        Self::space(self)
-    }
-
-    fn advance(&mut self, count: usize) {
-        Self::advance(self, count);
-    }
-}
-
-impl Inbox for LineReader {
-    fn space(&mut self) -> &mut [u8] {
-        Self::space(self)
-    }
-
-    fn advance(&mut self, count: usize) {
-        Self::advance(self, count);
     }
 }

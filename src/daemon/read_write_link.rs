@@ -9,7 +9,7 @@ use std::io;
 use std::time::Duration;
 
 use super::connection::Connection;
-use super::link::{CallTimes, ControlLink, Received};
+use super::link::{CallTimes, ControlLink, LifeSigns, Received};
 use volcomp_protocol::read_write::{HOLD_MAX_MS, LINE_MAX, LineError, LineReader, Machine, Reply, Request};
 use volcomp_protocol::{
     Axis, CloseReason, ControlHello, Correction, CorrectionState, ErrorCode, ErrorReport, FrameError,
@@ -42,8 +42,7 @@ pub(super) struct ReadWriteLink {
     last_sequence: Option<u32>,
     times: CallTimes,
     skipped: u64,
-    received: MonoTime,
-    sent: MonoTime,
+    life_signs: LifeSigns,
 }
 
 /// What is known of the tool in the spindle: positions count only once it is.
@@ -76,15 +75,14 @@ impl ReadWriteLink {
             last_sequence: None,
             times: CallTimes::default(),
             skipped: 0,
-            received: now,
-            sent: now,
+            life_signs: LifeSigns { received: now, sent: now },
         }
     }
 
     fn request(&mut self, request: &Request) -> io::Result<()> {
         let length = request.write(self.axes, &mut self.out);
         self.connection.send(&self.out[..length])?;
-        self.sent = self.connection.now();
+        self.life_signs.sent = self.connection.now();
         Ok(())
     }
 
@@ -121,7 +119,7 @@ impl ReadWriteLink {
     fn write_one(&mut self, request: &Request) -> io::Result<()> {
         self.request(request)?;
         self.unconfirmed = self.unconfirmed.saturating_add(1);
-        self.writing.get_or_insert(self.sent);
+        self.writing.get_or_insert(self.life_signs.sent);
         Ok(())
     }
 
@@ -191,7 +189,11 @@ impl ControlLink for ReadWriteLink {
             let left = self.next_read.ns.saturating_sub(self.connection.now().ns);
             wait = wait.min(Duration::from_nanos(u64::try_from(left).unwrap_or(0)));
         }
-        self.connection.receive(wait, &mut self.lines)
+        let received = self.connection.receive(wait, self.lines.space())?;
+        if let Received::Bytes { count, .. } = received {
+            self.lines.advance(count);
+        }
+        Ok(received)
     }
 
     fn next_message(&mut self) -> Result<Option<Message>, FrameError> {
@@ -218,7 +220,7 @@ impl ControlLink for ReadWriteLink {
             Message::Correction(correction) => self.write(correction),
             // the calls themselves are the life sign, and there is nobody to tell anything else
             _ => {
-                self.sent = self.connection.now();
+                self.life_signs.sent = self.connection.now();
                 Ok(())
             }
         }
@@ -232,20 +234,12 @@ impl ControlLink for ReadWriteLink {
     }
 
     fn send_heartbeat(&mut self) -> io::Result<()> {
-        self.sent = self.connection.now();
+        self.life_signs.sent = self.connection.now();
         Ok(())
     }
 
-    fn received(&self) -> MonoTime {
-        self.received
-    }
-
-    fn set_received(&mut self, at: MonoTime) {
-        self.received = at;
-    }
-
-    fn sent(&self) -> MonoTime {
-        self.sent
+    fn life_signs(&mut self) -> &mut LifeSigns {
+        &mut self.life_signs
     }
 
     fn call_times(&self) -> Option<CallTimes> {

@@ -179,7 +179,7 @@ impl Worker {
             return Err(LinkError::Version { address, found: hello.version });
         }
         self.prepare(&hello)?;
-        link.set_received(self.clock.now());
+        link.life_signs().received = self.clock.now();
         Ok(Some(hello))
     }
 

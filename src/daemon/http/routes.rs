@@ -74,6 +74,9 @@ impl Shared {
 
 pub(super) fn router(shared: &Arc<Shared>) -> Router {
     let text = |kind: &'static str, text: &'static str| get(move || async move { typed(kind, text) });
+    let json = |of: fn(&Shared) -> Bytes| {
+        get(move |State(shared): State<Arc<Shared>>| async move { typed("application/json", of(&shared)) })
+    };
     Router::new()
         .route("/", text("text/html; charset=utf-8", include_str!("page/index.html")))
         .route("/page.js", text(SCRIPT, include_str!("page/page.js")))
@@ -89,12 +92,12 @@ pub(super) fn router(shared: &Arc<Shared>) -> Router {
         .route("/uplot-license.txt", text("text/plain; charset=utf-8", include_str!("assets/uplot/LICENSE")))
         .route("/icon.svg", text("image/svg+xml", include_str!("page/icon.svg")))
         .route("/metrics", get(metrics))
-        .route("/api/v1/status", get(status))
-        .route("/api/v1/history", get(history))
-        .route("/api/v1/codes", get(codes))
+        .route("/api/v1/status", json(|shared| shared.rendered().status.clone()))
+        .route("/api/v1/history", json(|shared| shared.rendered().history.clone()))
+        .route("/api/v1/codes", json(|shared| shared.codes.clone()))
         .route("/api/v1/events", get(events))
-        .route("/api/v1/volume", get(volume))
-        .route("/api/v1/verification", get(verification))
+        .route("/api/v1/volume", json(|shared| shared.rendered().volume.clone()))
+        .route("/api/v1/verification", json(|shared| shared.rendered().verification.clone()))
         .route("/api/v1/about", get(about))
         .route("/api/v1/command", post(command))
         .layer(from_fn_with_state(Arc::clone(shared), guard))
@@ -152,26 +155,6 @@ async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Respo
         );
     }
     typed("text/plain; version=0.0.4; charset=utf-8", rendered.prometheus.clone())
-}
-
-async fn status(State(shared): State<Arc<Shared>>) -> Response {
-    typed("application/json", shared.rendered().status.clone())
-}
-
-async fn history(State(shared): State<Arc<Shared>>) -> Response {
-    typed("application/json", shared.rendered().history.clone())
-}
-
-async fn volume(State(shared): State<Arc<Shared>>) -> Response {
-    typed("application/json", shared.rendered().volume.clone())
-}
-
-async fn verification(State(shared): State<Arc<Shared>>) -> Response {
-    typed("application/json", shared.rendered().verification.clone())
-}
-
-async fn codes(State(shared): State<Arc<Shared>>) -> Response {
-    typed("application/json", shared.codes.clone())
 }
 
 /// The status as server-sent events: one at once, then one with each snapshot. A client that does not keep up gets the
