@@ -12,6 +12,7 @@
 //! of what is stated one may be too small while the other is too large.
 
 use super::noise::Kind;
+use volcomp_model::statistics;
 
 /// Median of chi-square with one degree of freedom.
 const CHI2_MEDIAN: f64 = 0.454_936_4;
@@ -119,10 +120,8 @@ impl SensorInitialisation {
     }
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n == 0 { 0.0 } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
+fn median(values: Vec<f64>) -> f64 {
+    statistics::median(values).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -42,12 +42,10 @@ pub fn start_up_outliers(readings: &[Reading]) -> Vec<StartUpOutlier> {
         values.sort_by(f64::total_cmp);
     }
     let Some(sigma) = pooled(others.values()) else { return Vec::new() };
-    let apart = |(i, r): (usize, &Reading)| Some((i, r.value - median(others.get(&key(i))?)));
+    let apart = |(i, r): (usize, &Reading)| Some((i, r.value - median(others.get(&key(i))?.clone())?));
     let first_cycle: Vec<(usize, f64)> =
         readings.iter().enumerate().filter(|(_, r)| r.cycle == first).filter_map(apart).collect();
-    let mut shifts: Vec<f64> = first_cycle.iter().map(|(_, d)| *d).collect();
-    shifts.sort_by(f64::total_cmp);
-    let drift = median(&shifts);
+    let drift = median(first_cycle.iter().map(|(_, d)| *d).collect()).unwrap_or(0.0);
     let step = step_of(readings);
     let outlier = |(reading, apart): (usize, f64)| {
         let values = others.get(&key(reading))?;
@@ -56,15 +54,6 @@ pub fn start_up_outliers(readings: &[Reading]) -> Vec<StartUpOutlier> {
         (apart.abs().min((apart - drift).abs()) > limit).then_some(StartUpOutlier { reading, apart, limit })
     };
     first_cycle.into_iter().filter_map(outlier).collect()
-}
-
-/// Median of sorted values; 0 of none.
-fn median(sorted: &[f64]) -> f64 {
-    match sorted.len() {
-        0 => 0.0,
-        n if n % 2 == 1 => sorted[n / 2],
-        n => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
-    }
 }
 
 /// Standard deviation from the median of the variances of all groups, which single groups do not move; `None` without one.
@@ -76,9 +65,7 @@ fn pooled<'a>(groups: impl Iterator<Item = &'a Vec<f64>>) -> Option<f64> {
         // median of a chi-square variable, by Wilson and Hilferty
         sum / (free * (1.0 - 2.0 / (9.0 * free)).powi(3))
     };
-    let mut all: Vec<f64> = groups.map(variance).collect();
-    all.sort_by(f64::total_cmp);
-    (!all.is_empty()).then(|| median(&all).sqrt())
+    median(groups.map(variance).collect()).map(f64::sqrt)
 }
 
 /// Smallest difference between two values: the display step of a coarse instrument.

@@ -1,4 +1,4 @@
-//! Probabilities for tests of fit and consistency, and the width of intervals: the one place for them.
+//! Probabilities for tests of fit and consistency, the width of intervals, and medians: the one place for them.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT};
 
@@ -9,6 +9,14 @@ pub const SIGNIFICANT: f64 = 1e-3;
 const MANY: usize = 2000;
 /// Two-sided 95 % quantile of the normal distribution.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
+
+/// Median; none of no values.
+#[must_use]
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
+}
 
 /// Probability that a chi-square of `dof` degrees of freedom exceeds `value`; 1 where there is no degree of freedom or no
 /// deviation.

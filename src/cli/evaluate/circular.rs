@@ -9,6 +9,7 @@ use super::picture::circular::{self as drawing, Shown};
 use super::{
     CompareOptions, Compared, Figures, Output, assess, before_and_after, headed, side_by_side, values,
 };
+use crate::identify::Columns;
 use crate::identify::ballbar::{lines_and_samples, reading};
 use crate::positioning_data::no_rows;
 use crate::prelude::*;
@@ -92,7 +93,7 @@ impl Evaluated {
 
 /// The samples of a file, of which there must be one; feeds as written, mm/min.
 pub(crate) fn samples(path: &Path) -> Result<Vec<Sample>> {
-    let found = lines_and_samples(path)?;
+    let found = lines_and_samples(path, Columns::value)?;
     if found.is_empty() {
         Err(no_rows(&table::name_of(path)))
     } else {

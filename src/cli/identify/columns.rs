@@ -57,6 +57,22 @@ pub(crate) fn open(path: &Path) -> Result<Columns> {
     table::open(path).map(Columns::new)
 }
 
+/// The points of a table by their names in `column`, of which there must be one; `wrong` says why a name cannot be.
+pub(crate) fn named_points(path: &Path, column: &str, wrong: fn(&str) -> String) -> Result<Vec<Named>> {
+    let mut table = open(path)?;
+    let (name, at) = (table.require(column)?, table.three(["x_mm", "y_mm", "z_mm"])?);
+    let mut points: Vec<Named> = Vec::new();
+    table.rows(|row| {
+        let word = row.word(name);
+        if word.is_empty() || points.iter().any(|(n, _)| *n == word) {
+            return Err(row.fail(name, wrong(&word)));
+        }
+        points.push((word, row.point(at)?));
+        Ok(())
+    })?;
+    if points.is_empty() { Err(data!(path, "no {column}s below the header")) } else { Ok(points) }
+}
+
 impl Column {
     fn new(name: &str, index: usize) -> Self {
         let to_inner = match name.rsplit_once('_').map(|(_, unit)| unit) {

@@ -131,20 +131,11 @@ fn from_medians(readings: &[Reading]) -> Option<Vec<f64>> {
     if cells.iter().any(|c| !c.is_empty() && c.len() < 3) {
         return None;
     }
-    let medians: Vec<f64> = cells.into_iter().map(median).collect();
+    let medians: Vec<f64> = cells.into_iter().map(|c| median(c).unwrap_or(f64::NAN)).collect();
     // a median follows its own few readings: sqrt(n/(n-1)) about makes up for it
     let mean_count = readings.len() as f64 / medians.iter().filter(|m| m.is_finite()).count() as f64;
     let widened = (mean_count / (mean_count - 1.0)).sqrt();
     Some(readings.iter().enumerate().map(|(i, r)| (r.value - medians[slot(i)]) * widened).collect())
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 { values[middle] } else { 0.5 * (values[middle - 1] + values[middle]) }
 }
 
 /// Deviations from half waves with a reversal that outliers cannot drag.

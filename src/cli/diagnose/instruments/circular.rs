@@ -3,6 +3,7 @@
 use core::f64::consts::PI;
 
 use super::{InstrumentArgs, Measurement, Rows, ways};
+use crate::identify::ballbar::lines_and_samples;
 use crate::prelude::*;
 use volcomp_diagnose::session::Times;
 use volcomp_identify::ballbar::{Plane, Sample, within_overshoot};
@@ -67,25 +68,13 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
 
 /// The readings without overshoot, each with its line.
 fn samples(path: &Path, args: &InstrumentArgs) -> Result<Vec<(u64, Sample)>> {
-    let mut table = table::open(path)?;
-    let (angle, deviation, direction) =
-        (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
-    let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    table.only(&["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"])?;
-    let all = table.rows(|table| {
-        let feed_mm_per_min = feed.map(|c| table.number(c)).transpose()?.or(args.feed_mm_per_min);
-        if let (Some(bad), Some(c)) = (feed_mm_per_min.filter(|f| *f <= 0.0), feed) {
-            return Err(table.fail(c, format_args!("{bad} is no feed; it is above 0 mm/min")));
-        }
-        let sample = Sample {
-            angle: rad_from_deg(table.number(angle)?),
-            deviation: mm_from_um(table.number(deviation)?),
-            travel: table.travel(direction)?,
-            feed: feed_mm_per_min.map(|f| f / 60.0),
-            run: run.map_or(Ok(0), |c| table.count(c))?,
-        };
-        Ok((table.line(), sample))
+    let mut all = lines_and_samples(path, |row, column| match row.value(column)? {
+        bad if bad <= 0.0 => Err(row.fail(column, format_args!("{bad} is no feed; it is above 0 mm/min"))),
+        feed => Ok(feed),
     })?;
+    for (_, sample) in &mut all {
+        sample.feed = sample.feed.or(args.feed_mm_per_min).map(|f| f / 60.0);
+    }
     let kept = within_overshoot(&all.iter().map(|(_, s)| *s).collect::<Vec<_>>(), None);
     if kept.is_empty() {
         return Err(data!(path, "no data rows below the header"));

@@ -265,8 +265,11 @@ pub(crate) const fn reading(s: &Sample) -> CircularReading {
     CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel }
 }
 
-/// The samples of a circular test, each with its line; feeds as written, mm/min.
-pub(crate) fn lines_and_samples(path: &Path) -> Result<Vec<(u64, Sample)>> {
+/// The samples of a circular test, each with its line; feeds as `read_feed` gives them from a row, mm/min.
+pub(crate) fn lines_and_samples(
+    path: &Path,
+    read_feed: impl Fn(&Columns, Column) -> Result<f64>,
+) -> Result<Vec<(u64, Sample)>> {
     let mut table = columns::open(path)?;
     let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
@@ -276,7 +279,7 @@ pub(crate) fn lines_and_samples(path: &Path) -> Result<Vec<(u64, Sample)>> {
             angle: row.value(angle)?,
             deviation: row.value(deviation)?,
             travel: row.travel(Some(direction))?,
-            feed: feed.map(|c| row.value(c)).transpose()?,
+            feed: feed.map(|c| read_feed(row, c)).transpose()?,
             run: row.count(run)?,
         };
         Ok((row.line(), sample))
@@ -284,7 +287,8 @@ pub(crate) fn lines_and_samples(path: &Path) -> Result<Vec<(u64, Sample)>> {
 }
 
 fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
-    let (lines, mut samples): (Vec<u64>, Vec<Sample>) = lines_and_samples(path)?.into_iter().unzip();
+    let (lines, mut samples): (Vec<u64>, Vec<Sample>) =
+        lines_and_samples(path, Columns::value)?.into_iter().unzip();
     for sample in &mut samples {
         sample.feed = sample.feed.or(args.feed_mm_per_min).map(|f| f / 60.0);
     }

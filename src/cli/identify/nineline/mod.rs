@@ -113,7 +113,9 @@ impl Method for Args {
         let straightness = self.sigma_straightness_um.unwrap_or(sigma);
         let sigmas =
             core::array::from_fn(|i| mm_from_um(if i == axis.direction() { sigma } else { straightness }));
-        let lines_of_file = read_lines(lines)?;
+        let lines_of_file = columns::named_points(lines, "line", |word| {
+            format!("line '{word}' has no name or occurs twice")
+        })?;
         let mut stops = Stops::default();
         for path in data {
             read_readings(path, &lines_of_file, &sigmas, &mut stops)?;
@@ -155,21 +157,6 @@ fn solve_stops(
         Ok((MotionRow { position, cycle, travel, motion: motion * sign, covariance }, found))
     };
     stops.iter().map(one).collect::<Result<Vec<_>, _>>().map(|all| all.into_iter().unzip())
-}
-
-fn read_lines(path: &Path) -> Result<Vec<Named>> {
-    let mut table = columns::open(path)?;
-    let (name, at) = (table.require("line")?, table.three(["x_mm", "y_mm", "z_mm"])?);
-    let mut lines: Vec<Named> = Vec::new();
-    table.rows(|row| {
-        let word = row.word(name);
-        if word.is_empty() || lines.iter().any(|(n, _)| *n == word) {
-            return Err(row.fail(name, format_args!("line '{word}' has no name or occurs twice")));
-        }
-        lines.push((word, row.point(at)?));
-        Ok(())
-    })?;
-    if lines.is_empty() { Err(data!(path, "no lines below the header")) } else { Ok(lines) }
 }
 
 fn read_readings(

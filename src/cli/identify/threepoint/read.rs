@@ -8,21 +8,10 @@ const ENDINGS: [&str; 6] = ["_x_mm", "_y_mm", "_z_mm", "_range_mm", "_azimuth_de
 
 /// Names and platform coordinates.
 pub(super) fn points(path: &Path) -> Result<Vec<Named>> {
-    let mut table = columns::open(path)?;
-    let (name, at) = (table.require("point")?, table.three(["x_mm", "y_mm", "z_mm"])?);
-    let mut points: Vec<Named> = Vec::new();
-    table.rows(|row| {
-        let word = row.word(name);
-        if word.is_empty() {
-            return Err(row.fail(name, "a point without a name"));
-        }
-        if points.iter().any(|(n, _)| *n == word) {
-            return Err(row.fail(name, format_args!("point {word} occurs twice; remove one")));
-        }
-        points.push((word, row.point(at)?));
-        Ok(())
-    })?;
-    if points.is_empty() { Err(data!(path, "no points below the header")) } else { Ok(points) }
+    columns::named_points(path, "point", |word| match word {
+        "" => "a point without a name".to_owned(),
+        _ => format!("point {word} occurs twice; remove one"),
+    })
 }
 
 /// The rows of a measured file.
