@@ -33,29 +33,10 @@ struct Kept {
     model_hash: String,
     saved: String,
     saved_unix_s: f64,
-    maps: Vec<Map>,
+    maps: Vec<SavedMap>,
     /// Lags of thermal displacements.
     #[serde(default)]
-    growths: Vec<Growth>,
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Growth {
-    name: String,
-    /// Inputs behind their lags, in the order of the model file.
-    lagged: Vec<f64>,
-    /// Last reading of each input, degC or 1/min.
-    last: Vec<f64>,
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Map {
-    name: String,
-    components: Vec<String>,
-    nodes_mm: [Vec<f64>; 3],
-    /// Component by component: difference from the offline map and standard deviation; mm or rad.
-    values: Vec<(f64, f64)>,
-    evidence: f64,
+    growths: Vec<SavedThermalState>,
 }
 
 fn unix_s(now: SystemTime) -> f64 {
@@ -136,22 +117,14 @@ pub(super) fn text(
     estimator: &LiveEstimator,
     now: SystemTime,
 ) -> io::Result<Vec<u8>> {
-    let map = |m: SavedMap| Map {
-        name: m.name,
-        components: m.components,
-        nodes_mm: m.nodes,
-        values: m.values,
-        evidence: m.evidence,
-    };
-    let growth = |g: SavedThermalState| Growth { name: g.name, lagged: g.lagged, last: g.last };
     let kept = Kept {
         format: FORMAT.to_owned(),
         machine: machine.to_owned(),
         model_hash: model_hash.to_owned(),
         saved: utc::text(now),
         saved_unix_s: unix_s(now),
-        maps: estimator.kept().into_iter().map(map).collect(),
-        growths: estimator.saved_thermal().into_iter().map(growth).collect(),
+        maps: estimator.kept(),
+        growths: estimator.saved_thermal(),
     };
     let mut text = serde_json::to_vec(&kept)?;
     text.push(b'\n');
@@ -202,24 +175,8 @@ pub(super) fn restore_text(
         return Err((format!("learned about another model (blake3 {})", kept.model_hash), "other-model"));
     }
     let age_s = unix_s(now) - kept.saved_unix_s;
-    let maps: Vec<SavedMap> = kept
-        .maps
-        .into_iter()
-        .map(|m| SavedMap {
-            name: m.name,
-            components: m.components,
-            nodes: m.nodes_mm,
-            values: m.values,
-            evidence: m.evidence,
-        })
-        .collect();
-    let growths: Vec<SavedThermalState> = kept
-        .growths
-        .into_iter()
-        .map(|g| SavedThermalState { name: g.name, lagged: g.lagged, last: g.last })
-        .collect();
-    let mut problems = estimator.restore(&maps, age_s.max(0.0));
-    problems.extend(estimator.restore_thermal(&growths, age_s.max(0.0)));
+    let mut problems = estimator.restore(&kept.maps, age_s.max(0.0));
+    problems.extend(estimator.restore_thermal(&kept.growths, age_s.max(0.0)));
     if problems.is_empty() {
         return Ok(format!("the map saved at {} continues, {:.1} h older", kept.saved, age_s / 3600.0));
     }

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use super::health::{MapHealth, NodeHealth};
 use super::spec::{LiveError, MapSpec};
 use super::table::TableMap;
@@ -39,13 +41,14 @@ pub(super) fn channels(model: &Model, prefix: &str) -> Result<Vec<(usize, ErrorS
 }
 
 /// What is kept of a map.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SavedMap {
     /// Its name.
     pub name: String,
     /// Its components.
     pub components: Vec<String>,
     /// Coordinates of its nodes along X, Y, Z.
+    #[serde(rename = "nodes_mm")]
     pub nodes: [Vec<f64>; 3],
     /// Difference from the offline map and its standard deviation: components one after the other; mm or rad.
     pub values: Vec<(f64, f64)>,

@@ -7,6 +7,8 @@
 //!
 //! Source: `src/estimate/thermal.rs` (the lags, the fading outside of what the fit has seen).
 
+use serde::{Deserialize, Serialize};
+
 use super::sensor::SensorState;
 use super::spec::{LiveError, LiveSpec, SensorKind};
 use crate::{Quantity, SensorStatus, Thermal, ThermalDisplacement, ThermalState, VALUES_MAX};
@@ -35,13 +37,13 @@ pub enum ThermalStatus {
 }
 
 /// What is kept of a thermal displacement.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SavedThermalState {
     /// Its name.
     pub name: String,
-    /// Its lags, in order.
+    /// Inputs behind their lags, in the order of the model file.
     pub lagged: Vec<f64>,
-    /// The last reading of each input.
+    /// Last reading of each input, degC or 1/min.
     pub last: Vec<f64>,
 }
 
