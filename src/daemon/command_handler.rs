@@ -65,24 +65,22 @@ pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer
     match ask.command {
         Verb::Status => {
             let status = service.lock().status();
-            let state = Some(status.state.clone());
-            return Answer { ok: true, state, status: Some(Box::new(status)), ..Answer::default() };
+            let answer = Answer::done(&status.state);
+            return Answer { status: Some(Box::new(status)), ..answer };
         }
         Verb::Histograms => {
             let mut service = service.lock();
             let histograms = Some(Box::new(service.histograms()));
-            let state = Some(service.state().to_owned());
-            return Answer { ok: true, state, histograms, ..Answer::default() };
+            return Answer { histograms, ..Answer::done(service.state()) };
         }
         Verb::Filter => {
             let service = service.lock();
-            let state = Some(service.state().to_owned());
             return match &service.sensors {
                 Some(sensors) => {
                     let filter = Some(Box::new(sensors.health()));
-                    Answer { ok: true, state, filter, ..Answer::default() }
+                    Answer { filter, ..Answer::done(service.state()) }
                 }
-                None => Answer::refused(NO_SENSORS.to_owned()),
+                None => Answer::refused(NO_SENSORS),
             };
         }
         _ => {}
@@ -152,13 +150,13 @@ const NO_SENSORS: &str = "the machine file lists no sensor; see docs/how-to/sens
 
 /// A map goes back to the offline map.
 async fn forget(ask: &Ask, service: &Mutex<Service>) -> Answer {
-    let Some(name) = &ask.map else { return Answer::refused("no map was named".to_owned()) };
+    let Some(name) = &ask.map else { return Answer::refused("no map was named") };
     let answered = match &service.lock().sensors {
         Some(sensors) => sensors.forget(name),
-        None => return Answer::refused(NO_SENSORS.to_owned()),
+        None => return Answer::refused(NO_SENSORS),
     };
     let Some(answered) = answered else {
-        return Answer::refused("the estimator does not take orders; try again".to_owned());
+        return Answer::refused("the estimator does not take orders; try again");
     };
     let done = async {
         loop {
@@ -169,19 +167,16 @@ async fn forget(ask: &Ask, service: &Mutex<Service>) -> Answer {
         }
     };
     match timeout(COMMAND_LIMIT, done).await {
-        Ok(true) => {
-            let state = Some(service.lock().state().to_owned());
-            Answer { ok: true, state, ..Answer::default() }
-        }
+        Ok(true) => Answer::done(service.lock().state()),
         Ok(false) => Answer::refused(format!("unknown map \"{name}\"")),
-        Err(_) => Answer::refused("the estimator did not answer".to_owned()),
+        Err(_) => Answer::refused("the estimator did not answer"),
     }
 }
 
 /// Passes a request to the cycle thread, waits until it shows, and until what a restart must not undo is durable.
 async fn order(request: Request, service: &Mutex<Service>) -> Answer {
     let Some(number) = service.lock().request(request.clone()) else {
-        return Answer::refused("too many commands are waiting; try again".to_owned());
+        return Answer::refused("too many commands are waiting; try again");
     };
     let done = async {
         while !service.lock().is_done(number) {
@@ -205,8 +200,7 @@ async fn order(request: Request, service: &Mutex<Service>) -> Answer {
     sleep(SETTLE).await;
     let mut service = service.lock();
     service.drain();
-    let state = Some(service.state().to_owned());
-    Answer { ok: true, state, notes: note.into_iter().collect(), ..Answer::default() }
+    Answer { notes: note.into_iter().collect(), ..Answer::done(service.state()) }
 }
 
 /// Why the cycle thread has refused a request.
@@ -250,7 +244,7 @@ async fn durable(request: &Request, service: &Mutex<Service>) -> Option<String> 
 
 async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
     if ask.accept_expired && is_blank(ask.reason.as_ref()) {
-        return Answer::refused("an expired model is only used for a reason: add --reason".to_owned());
+        return Answer::refused("an expired model is only used for a reason: add --reason");
     }
     if let Some(degc) = ask.temperature_degc {
         service.lock().set_temperature(degc);
@@ -258,7 +252,7 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
     if ask.shadow {
         if service.lock().is_wanted() {
             return Answer::refused(
-                "shadow mode is for a machine that is not compensated: `volcomp disable` first".to_owned(),
+                "shadow mode is for a machine that is not compensated: `volcomp disable` first",
             );
         }
         return order(Request::Shadow(true), service).await;
@@ -280,25 +274,19 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
     let mut notes: Vec<String> = against.iter().map(|(hindrance, _)| hindrance.to_string()).collect();
     let answer = order(Request::Engine(Command::Enable), service).await;
     notes.extend(answer.notes.iter().cloned());
-    let answer = Answer { notes, ..answer };
-    if answer.ok {
-        or_fault(answer, "compensation was enabled and ended at once", service).await
-    } else {
-        answer
-    }
+    or_fault(Answer { notes, ..answer }, "compensation was enabled and ended at once", service).await
 }
 
 async fn clear_fault(service: &Mutex<Service>) -> Answer {
     let answer = order(Request::Engine(Command::ClearFault), service).await;
-    if answer.ok {
-        or_fault(answer, "the fault was cleared and came back at once", service).await
-    } else {
-        answer
-    }
+    or_fault(answer, "the fault was cleared and came back at once", service).await
 }
 
 /// The answer, or a refusal where a fault is latched before the engine has seen enough frames to show it.
 async fn or_fault(answer: Answer, what: &str, service: &Mutex<Service>) -> Answer {
+    if !answer.ok {
+        return answer;
+    }
     let (first, enough, cycle_s) = {
         let service = service.lock();
         let config = service.config();
@@ -336,7 +324,7 @@ async fn disable(service: &Mutex<Service>) -> Answer {
 async fn gain(gain: Option<f64>, service: &Mutex<Service>) -> Answer {
     match gain.filter(|g| (0.0..=1.0).contains(g)) {
         Some(gain) => order(Request::Engine(Command::SetGain(gain)), service).await,
-        None => Answer::refused("a gain is a number from 0 to 1".to_owned()),
+        None => Answer::refused("a gain is a number from 0 to 1"),
     }
 }
 
@@ -350,10 +338,10 @@ const OTHER_SINCE: &str = "another model was taken into use since the comparison
 /// Reads, compares, asks for a confirmation where needed, switches, remembers.
 async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     let Some(sent) = ask.model.take() else {
-        return Answer::refused("no model was sent".to_owned());
+        return Answer::refused("no model was sent");
     };
     let Some(_turn) = ExclusiveAccess::take(service.lock().loading()) else {
-        return Answer::refused(BUSY.to_owned());
+        return Answer::refused(BUSY);
     };
     let (config, active) = {
         let service = service.lock();
@@ -378,13 +366,12 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
             return Answer { record, ..Answer::refused(error) };
         }
         Err(_) => {
-            return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
+            return Answer::refused("internal: the comparison broke off; the model in use stays");
         }
     };
     if new.hash == active.hash {
-        let service = service.lock();
         let notes = vec!["this model is in use already".to_owned()];
-        return Answer { ok: true, state: Some(service.state().to_owned()), notes, ..Answer::default() };
+        return Answer { notes, ..Answer::done(service.lock().state()) };
     }
     let change = Some(ModelChange::new(&active, &new, &size));
     if let Err(too_different) = guard::judge(&size, &limits)
@@ -428,10 +415,10 @@ fn may_be_used(new: &Prepared, service: &Mutex<Service>) -> Result<(), String> {
 async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     // one model at a time: what a load has compared with must still be in use when it is switched to
     let Some(_turn) = ExclusiveAccess::take(service.lock().loading()) else {
-        return Answer::refused(BUSY.to_owned());
+        return Answer::refused(BUSY);
     };
     let Some(previous) = service.lock().models().previous.clone() else {
-        return Answer::refused(NO_PREVIOUS.to_owned());
+        return Answer::refused(NO_PREVIOUS);
     };
     let active = Arc::clone(&service.lock().models().active);
     let expected = [(ask.old_hash.as_deref(), &active), (ask.new_hash.as_deref(), &previous)];
@@ -450,7 +437,7 @@ async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         Ok(Ok(size)) => guard::judge(&size, &limits).err().map(|e| e.to_string()),
         Ok(Err(problem)) => Some(problem),
         Err(_) => {
-            return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
+            return Answer::refused("internal: the comparison broke off; the model in use stays");
         }
     };
     if let Some(too_different) = too_different.filter(|_| is_blank(ask.reason.as_ref())) {

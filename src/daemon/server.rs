@@ -197,7 +197,7 @@ async fn converse(
                 busy.store(false, Relaxed);
                 answer
             }
-            Ok(_) => Answer::refused("the request does not end with a line feed".to_owned()),
+            Ok(_) => Answer::refused("the request does not end with a line feed"),
             Err(error) => Answer::refused(format!("the request is not understood: {error}")),
         };
         let again = answer.ok;

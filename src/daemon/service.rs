@@ -460,16 +460,13 @@ impl Service {
                 self.status_collector.link_up(&hello);
             }
             Report::LinkDown { end, cycles } => {
-                match end {
-                    LinkEnd::Stopped { .. } => info!(cycles, "link closed: {end}"),
-                    _ => {
-                        if let Some(held_back) = self.links.admit(self.clock.now()) {
-                            warn!(cycles, code = %end.fault(), held_back, "link down: {end}");
-                        }
-                    }
-                }
-                if !matches!(end, LinkEnd::Stopped { .. }) {
+                if let LinkEnd::Stopped { .. } = end {
+                    info!(cycles, "link closed: {end}");
+                } else {
                     let now = self.clock.now();
+                    if let Some(held_back) = self.links.admit(now) {
+                        warn!(cycles, code = %end.fault(), held_back, "link down: {end}");
+                    }
                     self.recent.drop_out(now);
                     self.recent.count(now, end.fault(), 1, Some(end.to_string()));
                 }

@@ -211,8 +211,12 @@ pub struct ModelChange {
 }
 
 impl Answer {
-    pub(super) fn refused(error: String) -> Self {
-        Self { ok: false, error: Some(error), ..Self::default() }
+    pub(super) fn refused(error: impl Into<String>) -> Self {
+        Self { ok: false, error: Some(error.into()), ..Self::default() }
+    }
+
+    pub(super) fn done(state: &str) -> Self {
+        Self { ok: true, state: Some(state.to_owned()), ..Self::default() }
     }
 }
 

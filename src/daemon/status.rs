@@ -14,7 +14,7 @@ use super::recent::{EventStatus, RecentStatus};
 use super::sensor_status::{MapStatus, SensorStatus, ThermalDisplacementStatus};
 
 /// State of the daemon.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// `disconnected`, or the engine's state: `off armed ramping-in active holding ramping-out faulted`.
     pub state: String,
@@ -327,7 +327,7 @@ pub struct Fault {
 }
 
 /// The link to the control.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LinkStatus {
     /// Address of the control.
     pub address: String,

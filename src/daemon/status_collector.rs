@@ -10,15 +10,12 @@ use hdrhistogram::CreationError;
 use super::channels::{CycleRecord, Progress};
 use super::clock::Clock;
 use super::handshake;
-use super::health::Health;
 use super::latency::{Histograms, Latency, Sample, percentile_us};
 use super::link_session::UNLISTED_MIN;
 use super::load::Loaded;
 use super::realtime::RealtimeReport;
-use super::recent::RecentStatus;
 use super::status::{
-    AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, ShadowAxis,
-    ShadowStatus, StateReason, Status,
+    AxisLimitStatus, Fault, LinkStatus, RealtimeStatus, ShadowAxis, ShadowStatus, StateReason, Status,
 };
 use volcomp_config::AxisConfig;
 use volcomp_engine::fault::{self, Code, Entry};
@@ -230,23 +227,9 @@ impl StatusCollector {
             lag_cycles: last.and_then(|r| r.lag_cycles),
             machine_state: last.map_or_else(Vec::new, |r| machine_state(r.machine_state)),
             faults: self.faults(now),
-            sensors: Vec::new(),
-            maps: Vec::new(),
-            growths: Vec::new(),
-            sensor_notes: Vec::new(),
-            readings_dropped: 0,
             records_dropped: self.progress.records_dropped.load(Relaxed),
             reports_dropped: self.progress.reports_dropped.load(Relaxed),
             realtime: self.realtime.clone(),
-            // the service knows these
-            gain: 0.0,
-            model_choice: ModelStatus::default(),
-            hindrances: Vec::new(),
-            temperature_degc: None,
-            start_inhibit: None,
-            shadow: None,
-            recording: None,
-            lifetime: Lifetime::default(),
             state_since_s: now.seconds_since(if self.up {
                 self.entered.max(self.changed)
             } else {
@@ -258,12 +241,9 @@ impl StatusCollector {
                 .filter(|_| self.up)
                 .map(|(entry, numbers)| StateReason::new(entry, numbers.clone())),
             waits_for: self.waits_for(),
-            health: Health::default(),
-            recent: RecentStatus::default(),
-            events: Vec::new(),
-            benefit: None,
-            model_errors: ModelErrors::default(),
             limits: self.limits(),
+            // the service knows the rest
+            ..Status::default()
         }
     }
 

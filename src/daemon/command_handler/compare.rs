@@ -12,13 +12,13 @@ use volcomp_engine::fault::Code;
 
 /// The refusal where a model is not the one that a client has in mind.
 pub(super) fn stale(expected: Option<&str>, model: &Prepared, words: &str) -> Option<Answer> {
-    expected.filter(|hash| *hash != model.hash).map(|_| Answer::refused(words.to_owned()))
+    expected.filter(|hash| *hash != model.hash).map(|_| Answer::refused(words))
 }
 
 /// Compares the model in use with the one sent, or with the one before it.
 pub(super) async fn compare(sent: Option<SentModel>, service: &Mutex<Service>) -> Answer {
     let Some(_turn) = ExclusiveAccess::take(service.lock().loading()) else {
-        return Answer::refused(BUSY.to_owned());
+        return Answer::refused(BUSY);
     };
     let (config, active, previous) = {
         let service = service.lock();
@@ -26,7 +26,7 @@ pub(super) async fn compare(sent: Option<SentModel>, service: &Mutex<Service>) -
         (service.config(), Arc::clone(&models.active), models.previous.clone())
     };
     if sent.is_none() && previous.is_none() {
-        return Answer::refused(NO_PREVIOUS.to_owned());
+        return Answer::refused(NO_PREVIOUS);
     }
     // reading and comparing takes up to seconds: not on the thread that serves everybody
     let work = spawn_blocking(move || {
@@ -40,11 +40,10 @@ pub(super) async fn compare(sent: Option<SentModel>, service: &Mutex<Service>) -
     match work.await {
         Ok(Ok((new, comparison))) => {
             let refusal = may_be_used(&new, service).err();
-            let state = Some(service.lock().state().to_owned());
             let comparison = Some(Box::new(ModelComparison { refusal, ..comparison }));
-            Answer { ok: true, state, comparison, ..Answer::default() }
+            Answer { comparison, ..Answer::done(service.lock().state()) }
         }
         Ok(Err(problem)) => Answer::refused(format!("{}: {problem}", Code::MODEL_INVALID)),
-        Err(_) => Answer::refused("internal: the comparison broke off".to_owned()),
+        Err(_) => Answer::refused("internal: the comparison broke off"),
     }
 }
