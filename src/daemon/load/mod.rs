@@ -4,7 +4,6 @@ mod additions;
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX, read_bounded};
 
@@ -212,31 +211,20 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     if !fates.is_empty() {
         model_text = model::write_file(&file, &[format!("{} with additions.", config.model.display())]);
     }
-    let (expiry, measured) = (file.earliest_expiry().map(str::to_owned), file.measured());
-    let (spec, thermal) = (file.spec, file.thermal);
-    let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
-    if let Some(source) = config.check_model(&spec).into_iter().next() {
+    let model =
+        Model::new(&file.spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
+    if let Some(source) = config.check_model(&file.spec).into_iter().next() {
         return Err(LoadError::Mismatch { config: path.to_owned(), path: model_path, source });
     }
-    let uncorrected = config.uncorrected_axes(&spec);
-    let model_hash = blake3::hash(model_text.as_bytes()).to_hex().to_string();
-    if let Some(pinned) = config.guard.hash.clone().filter(|pinned| *pinned != model_hash) {
-        return Err(LoadError::Pinned { path: model_path, found: model_hash, pinned });
+    let model = Prepared::new(&model_path.display().to_string(), model_text, file, model);
+    let uncorrected = config.uncorrected_axes(&model.spec);
+    if let Some(pinned) = config.guard.hash.clone().filter(|pinned| *pinned != model.hash) {
+        return Err(LoadError::Pinned { path: model_path, found: model.hash, pinned });
     }
     let identity = tls::identity(path, &config)
         .map_err(|source| LoadError::Tls { config: path.to_owned(), source: Box::new(source) })?;
     let http_token = Token::of(path, &config.http)
         .map_err(|source| LoadError::Token { config: path.to_owned(), source })?;
-    let model = Prepared {
-        spec,
-        thermal,
-        model: Arc::new(model),
-        text: model_text,
-        hash: model_hash,
-        origin: model_path.display().to_string(),
-        expiry,
-        measured,
-    };
     Ok(Loaded { config, model, config_text, fates, uncorrected, identity, http_token })
 }
 

@@ -18,7 +18,7 @@ use super::load::{LoadError, Loaded, number};
 use super::status::ModelStatus;
 use super::sync::Mutex;
 pub use comparison::{ErrorCurves, ModelComparison};
-use volcomp_config::{MachineConfig, Measured, model};
+use volcomp_config::{MachineConfig, Measured, ModelFile, model};
 use volcomp_engine::fault::Code;
 use volcomp_estimate::Thermal;
 use volcomp_model::{Model, ModelSpec};
@@ -62,21 +62,25 @@ impl Prepared {
                 mismatch.remedy()
             ));
         }
-        let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
-        if let Some(pinned) = config.guard.hash.as_ref().filter(|pinned| **pinned != hash) {
-            return Err(LoadError::pinned(origin, &hash, pinned));
+        let read = Self::new(origin, text, file, model);
+        match config.guard.hash.as_ref().filter(|pinned| **pinned != read.hash) {
+            Some(pinned) => Err(LoadError::pinned(origin, &read.hash, pinned)),
+            None => Ok(read),
         }
-        let (expiry, measured) = (file.earliest_expiry().map(str::to_owned), file.measured());
-        Ok(Self {
+    }
+
+    /// The model of a file with its text.
+    pub(super) fn new(origin: &str, text: String, file: ModelFile, model: Model) -> Self {
+        Self {
+            expiry: file.earliest_expiry().map(str::to_owned),
+            measured: file.measured(),
             spec: file.spec,
             thermal: file.thermal,
             model: Arc::new(model),
+            hash: blake3::hash(text.as_bytes()).to_hex().to_string(),
             text,
-            hash,
             origin: origin.to_owned(),
-            expiry,
-            measured,
-        })
+        }
     }
 }
 

@@ -119,16 +119,6 @@ impl Replay {
     /// A replay with these files.
     #[must_use]
     pub fn new(config: MachineConfig, model: Arc<Model>) -> Self {
-        let report = Report {
-            records: 0,
-            cycles: 0,
-            compared: 0,
-            differing: 0,
-            differences: Vec::new(),
-            largest: 0.0,
-            gaps: Vec::new(),
-            refused: Vec::new(),
-        };
         Self {
             config,
             first: Arc::clone(&model),
@@ -140,7 +130,7 @@ impl Replay {
             own: OwnOffsets::default(),
             lag_caught_up: None,
             resume: None,
-            report,
+            report: Report::default(),
         }
     }
 

@@ -22,7 +22,7 @@ pub struct RunReading {
 }
 
 /// End-to-end displacements; mm.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct EndToEnd {
     /// Mean displacement error of each diagonal.
     pub displacement: [f64; 4],
@@ -80,16 +80,7 @@ struct Run {
 /// # Errors
 /// A diagonal or an end is missing.
 pub fn end_to_end(readings: &[RunReading], length: f64) -> Result<EndToEnd, RunsError> {
-    let mut result = EndToEnd {
-        displacement: [0.0; 4],
-        run_std: None,
-        dof: 0,
-        runs: [0; 4],
-        closure: [None; 4],
-        open_runs: 0,
-        both_directions: false,
-        steps: Default::default(),
-    };
+    let mut result = EndToEnd::default();
     let mut squares = 0.0;
     for (d, name) in NAMES.into_iter().enumerate() {
         let own: Vec<&RunReading> = readings.iter().filter(|r| r.diagonal == d).collect();
