@@ -141,10 +141,9 @@ impl Sources {
     /// Reads what the hashes need.
     pub(super) fn of(files: &[PathBuf]) -> Self {
         let entry = |path: &PathBuf| {
-            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
             // stdin cannot be read twice
             let hash = input::hash(path, InputKind::Stream).map(|hash| format!("blake3:{hash}"));
-            SourceEntry { source: Some(name.into_owned()), source_hash: hash, ..SourceEntry::default() }
+            SourceEntry { source: Some(file_name(path)), source_hash: hash, ..SourceEntry::default() }
         };
         Self(files.iter().map(entry).collect())
     }

@@ -372,7 +372,7 @@ impl<'r> Section<'r> {
         let disguised = self
             .names()
             .iter()
-            .any(|n| n.value != key && stem(n.value) == stem(key) && !self.is_asked(n.value));
+            .any(|n| n.value != key && stem(n.value) == stem(key) && !self.asked.borrow().contains(&n.value));
         if !disguised {
             let message = format!("{} is missing", self.named_key(key));
             self.report(Diagnostic { span: self.place(), message, remedy: Some(remedy.to_owned()) });
@@ -386,10 +386,6 @@ impl<'r> Section<'r> {
             self.missing(key, remedy);
         }
         written
-    }
-
-    fn is_asked(&self, key: &str) -> bool {
-        self.asked.borrow().contains(&key)
     }
 
     /// True while nothing has been reported anywhere in the document.

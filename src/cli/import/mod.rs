@@ -6,8 +6,6 @@ mod positioning;
 mod series;
 mod tables;
 
-use std::io::BufRead;
-
 use clap::Parser;
 
 use crate::prelude::*;
@@ -245,11 +243,6 @@ fn note_list(what: &str, list: impl Iterator<Item: core::fmt::Display>) {
     if !list.is_empty() {
         note!("  {what}{list}");
     }
-}
-
-/// A file or stdin, buffered.
-fn open(path: &Path, kind: InputKind) -> Result<impl BufRead> {
-    Ok(input::open(path, kind)?.buffered())
 }
 
 /// ` (cp1252 text, guessed)` where a file is not plain UTF-8.

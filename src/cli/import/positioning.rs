@@ -1,6 +1,6 @@
 //! Laser tests and other positioning tests to `cycle,direction,target_mm,deviation_um`.
 
-use super::{Args, encoding_note, note_list, open};
+use super::{Args, encoding_note, note_list};
 use crate::files::Rows;
 use crate::positioning_data::parse_dat;
 use crate::predict::push_number;
@@ -172,7 +172,7 @@ fn columns(args: &Args, path: &Path, sink: &mut dyn FnMut(AxisKind, &Reading) ->
         return Err(usage!("{file}: target and deviation are of different kinds; check their units"));
     }
     let fail = |e: ReadError| read_failure(path, &e);
-    let mut table = Columns::new(open(path, InputKind::Table)?, map).map_err(fail)?;
+    let mut table = Columns::new(input::open(path, InputKind::Table)?.buffered(), map).map_err(fail)?;
     let progress = Progress::of_file(path);
     let mut runs = Runs::default();
     let mut rows = 0u64;

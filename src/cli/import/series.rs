@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::{self, BufRead, Read, Write};
 
 use super::positioning::read_failure;
-use super::{Args, encoding_note, note_list, open};
+use super::{Args, encoding_note, note_list};
 use crate::files::Rows;
 use crate::prelude::*;
 use crate::progress::Progress;
@@ -38,8 +38,8 @@ fn numbers(rows: &mut Rows, values: impl IntoIterator<Item = f64>) {
 }
 
 pub(super) fn rtx(args: &Args, path: &Path) -> Result<()> {
-    let mut samples =
-        dynamic::Samples::new(open(path, InputKind::Stream)?).map_err(|e| read_failure(path, &e))?;
+    let mut samples = dynamic::Samples::new(input::open(path, InputKind::Stream)?.buffered())
+        .map_err(|e| read_failure(path, &e))?;
 
     let progress = Progress::of_file(path);
     let name = if args.angular { "angle_mrad" } else { "displacement_mm" };
@@ -145,7 +145,7 @@ impl Sink for Capture<'_> {
 }
 
 pub(super) fn edge(args: &Args, path: &Path) -> Result<()> {
-    let mut source = open(path, InputKind::Capture)?;
+    let mut source = input::open(path, InputKind::Capture)?.buffered();
     if source.fill_buf().map_err(|e| Failure::io(path, &e))?.starts_with(b"\xef\xbb\xbf") {
         source.consume(3);
     }
@@ -194,7 +194,7 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
 }
 
 pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
-    let mut log = epics::Log::new(open(path, InputKind::Stream)?);
+    let mut log = epics::Log::new(input::open(path, InputKind::Stream)?.buffered());
 
     let progress = Progress::of_file(path);
     let mut table = create(args, ["t_s", "pv", "value", "alarm"].into_iter())?;
@@ -229,7 +229,8 @@ pub(super) fn camonitor(args: &Args, path: &Path) -> Result<()> {
 
 pub(super) fn columns(args: &Args, path: &Path) -> Result<()> {
     let map = args.column_map()?;
-    let mut source = Columns::new(open(path, InputKind::Stream)?, map).map_err(|e| read_failure(path, &e))?;
+    let mut source = Columns::new(input::open(path, InputKind::Stream)?.buffered(), map)
+        .map_err(|e| read_failure(path, &e))?;
 
     let progress = Progress::of_file(path);
     let mut table = create(args, source.names())?;

@@ -78,18 +78,14 @@ impl Keys {
 
 /// Reads all dynamic terms of an error; `None` where one of them is wrong.
 pub(super) fn read(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Vec<DynamicTerm>> {
-    let mut found = Some(Vec::new());
+    let mut found = Vec::new();
     for name in SECTIONS {
         for part in section.sections(name) {
-            let term = read_term(&part, name, &Keys::of(symbol));
+            found.push(read_term(&part, name, &Keys::of(symbol)));
             part.finish();
-            found = found.zip(term).map(|(mut found, term)| {
-                found.push(term);
-                found
-            });
         }
     }
-    found
+    found.into_iter().collect()
 }
 
 fn read_term(section: &Section<'_>, name: &str, keys: &Keys) -> Option<DynamicTerm> {

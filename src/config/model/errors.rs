@@ -428,18 +428,12 @@ fn read_grid(kind: &mut Kind<'_, '_>) -> Option<Grid> {
     let names = kind.section.texts("axes");
     let values = kind.values(of.value);
     let names = names?;
-    let mut edges: Option<Vec<(AxisName, Vec<f64>)>> = Some(Vec::new());
-    for name in &names.value {
-        let edge = read_edge(kind, name);
-        edges = edges.zip(edge).map(|(mut edges, edge)| {
-            edges.push(edge);
-            edges
-        });
-    }
+    let edges: Vec<Option<(AxisName, Vec<f64>)>> =
+        names.value.iter().map(|name| read_edge(kind, name)).collect();
     if there.contains(&None) {
         return None;
     }
-    let (edges, values) = (edges?, values?);
+    let (edges, values) = (edges.into_iter().collect::<Option<Vec<_>>>()?, values?);
     let expected: usize = edges.iter().map(|(_, p)| p.len()).fold(1, usize::saturating_mul);
     if (2..=3).contains(&edges.len()) && values.value.len() != expected {
         let sizes: Vec<String> = edges.iter().map(|(_, p)| p.len().to_string()).collect();
