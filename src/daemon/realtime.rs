@@ -2,7 +2,6 @@
 //!
 //! Nothing here is required: what the system refuses is reported in one line and the daemon works on.
 
-use core::fmt;
 use std::path::Path;
 
 use rustix::io::Errno;
@@ -29,15 +28,21 @@ pub(super) enum Granted {
 }
 
 /// Why a setting was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Refusal {
     /// The system's own error.
+    #[error("{0}")]
     System(Errno),
     /// The limit on locked memory is too low, bytes.
+    #[error("the limit on locked memory is {} MiB, {} MiB are needed", .0 >> 20, MEMLOCK_BYTES_MIN >> 20)]
     MemoryLimit(u64),
     /// The number is none that the system knows.
+    #[error("out of range")]
     OutOfRange,
     /// A processor beyond the last one.
+    #[error(
+        "processor {cpu} does not exist, the last one is {last}; correct cpu in [realtime] of the machine file"
+    )]
     NoProcessor {
         /// Asked for.
         cpu: u16,
@@ -54,25 +59,6 @@ pub(super) struct RealtimeReport {
     pub(super) cpu: Option<u16>,
     pub(super) affinity: Granted,
     pub(super) memory_lock: Granted,
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::System(errno) => write!(f, "{errno}"),
-            Self::MemoryLimit(bytes) => write!(
-                f,
-                "the limit on locked memory is {} MiB, {} MiB are needed",
-                bytes >> 20,
-                MEMLOCK_BYTES_MIN >> 20
-            ),
-            Self::OutOfRange => f.write_str("out of range"),
-            Self::NoProcessor { cpu, last } => write!(
-                f,
-                "processor {cpu} does not exist, the last one is {last}; correct cpu in [realtime] of the machine file"
-            ),
-        }
-    }
 }
 
 impl Granted {

@@ -31,7 +31,8 @@ pub struct Chain {
 }
 
 /// What is wrong with a chain, and in which column (1-based, in characters) of the text.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("column {column}: {kind}")]
 pub struct ChainError {
     /// 1-based column of the first offending character.
     pub column: usize,
@@ -96,14 +97,6 @@ pub enum ChainErrorKind {
     #[error("the chain has more than {limit} axes", limit = MAX_AXES)]
     TooManyAxes,
 }
-
-impl fmt::Display for ChainError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "column {}: {}", self.column, self.kind)
-    }
-}
-
-impl core::error::Error for ChainError {}
 
 impl Chain {
     /// Reads a chain.

@@ -1,6 +1,5 @@
 //! A program without the feature `tls`: nothing of this can ever exist.
 
-use core::fmt;
 use std::io;
 
 use super::TlsFileError;
@@ -17,7 +16,7 @@ impl Identity {
 }
 
 /// A failure that cannot happen.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub(crate) enum TlsError {}
 
 impl TlsError {
@@ -29,14 +28,6 @@ impl TlsError {
         match *self {}
     }
 }
-
-impl fmt::Display for TlsError {
-    fn fmt(&self, _: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {}
-    }
-}
-
-impl core::error::Error for TlsError {}
 
 /// A stream that cannot be had.
 #[derive(Debug)]

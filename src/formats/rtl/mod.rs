@@ -83,19 +83,22 @@ impl PartialEq for Deviation {
 }
 
 /// What is worth knowing about a file and its test.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Note {
     /// Even runs that hold nothing but zeros were left out: a one-way test in a two-way file.
+    #[error("{runs} return runs hold zeros only and are left out: taken as a one-way test")]
     EmptyReturns {
         /// Runs left out.
         runs: usize,
     },
     /// Targets that runs do not have.
+    #[error("{readings} readings are missing in the runs")]
     Missed {
         /// Readings missing.
         readings: usize,
     },
     /// Runs announced that have no reading at all.
+    #[error("{announced} runs announced, {found} have readings")]
     RunsMissing {
         /// Runs announced.
         announced: u32,
@@ -103,25 +106,11 @@ pub enum Note {
         found: usize,
     },
     /// No end mark.
+    #[error("no EOF:: at the end")]
     NoEof,
     /// No environment section.
+    #[error("no ENVIRONMENT:: section")]
     NoEnvironment,
-}
-
-impl core::fmt::Display for Note {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::EmptyReturns { runs } => {
-                write!(f, "{runs} return runs hold zeros only and are left out: taken as a one-way test")
-            }
-            Self::Missed { readings } => write!(f, "{readings} readings are missing in the runs"),
-            Self::RunsMissing { announced, found } => {
-                write!(f, "{announced} runs announced, {found} have readings")
-            }
-            Self::NoEof => write!(f, "no EOF:: at the end"),
-            Self::NoEnvironment => write!(f, "no ENVIRONMENT:: section"),
-        }
-    }
 }
 
 /// The unit in which a file holds its deviations.

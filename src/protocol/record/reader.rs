@@ -1,7 +1,5 @@
 //! A whole file, whatever happened to it: torn at the end, damaged in the middle, or with entries missing.
 
-use core::fmt;
-
 use super::block::{self, Block, BlockKind, FILE_HEADER, Found};
 use super::codec::{Decoded, Decoder};
 use super::entry::{Context, Entry};
@@ -9,9 +7,10 @@ use super::error::RecordError;
 use super::meta::Meta;
 
 /// Something about a file that its reader should know.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Note {
     /// The last block is not whole: the file was being written when it ended.
+    #[error("byte {at}: the last block is torn, {bytes} bytes left out (power loss, or still being written)")]
     Torn {
         /// Where it begins.
         at: u64,
@@ -19,6 +18,7 @@ pub enum Note {
         bytes: u64,
     },
     /// Bytes that are no block were passed over.
+    #[error("byte {at}: {bytes} bytes are not a block and were skipped")]
     Damaged {
         /// Where they begin.
         at: u64,
@@ -26,6 +26,10 @@ pub enum Note {
         bytes: u64,
     },
     /// The content of a block is damaged.
+    #[error(
+        "byte {at}: the block of records {first_record} to {} is damaged",
+        first_record.saturating_add(u64::from(*records)).saturating_sub(1)
+    )]
     Content {
         /// Where the block begins.
         at: u64,
@@ -35,36 +39,13 @@ pub enum Note {
         records: u32,
     },
     /// A block of a later version that may be passed over.
+    #[error("byte {at}: a block of kind {kind} of a later version was passed over")]
     UnknownBlock {
         /// Where it begins.
         at: u64,
         /// Its kind.
         kind: u8,
     },
-}
-
-impl fmt::Display for Note {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Torn { at, bytes } => {
-                write!(
-                    f,
-                    "byte {at}: the last block is torn, {bytes} bytes left out (power loss, or still being written)"
-                )
-            }
-            Self::Damaged { at, bytes } => {
-                write!(f, "byte {at}: {bytes} bytes are not a block and were skipped")
-            }
-            Self::Content { at, first_record, records } => write!(
-                f,
-                "byte {at}: the block of records {first_record} to {} is damaged",
-                first_record.saturating_add(u64::from(*records)).saturating_sub(1)
-            ),
-            Self::UnknownBlock { at, kind } => {
-                write!(f, "byte {at}: a block of kind {kind} of a later version was passed over")
-            }
-        }
-    }
 }
 
 /// A file with its blocks found.
