@@ -1,4 +1,4 @@
-//! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`; and their extremes.
+//! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`.
 
 use core::fmt::{Display, Write as _};
 
@@ -54,12 +54,6 @@ pub(crate) trait Joined: Iterator<Item: Display> + Sized {
 }
 
 impl<I: Iterator<Item: Display>> Joined for I {}
-
-/// Lowest and highest of some values; infinite where there is none.
-pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
-    let ends = (f64::INFINITY, f64::NEG_INFINITY);
-    values.into_iter().fold(ends, |(l, h), v| (l.min(v), h.max(v))).into()
-}
 
 /// Words for a person: `µm` and `µs` where a key says `um` and `us`; lines that quote a file stay as they are.
 pub(crate) fn micro(words: &str) -> String {

@@ -15,7 +15,7 @@ pub(crate) use crate::files::{
 };
 pub(crate) use crate::input::{self, InputKind};
 pub(crate) use crate::model_writer::{ModelWriter, Sources, data_error, default_chain};
-pub(crate) use crate::numerals::{Joined, counted, figure, hull, micro, plain, signed, small};
+pub(crate) use crate::numerals::{Joined, counted, figure, micro, plain, signed, small};
 pub(crate) use crate::positioning_data::format_failure;
 pub(crate) use crate::quantities::{
     error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
@@ -27,7 +27,7 @@ pub(crate) use crate::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, F
 pub(crate) use volcomp_config::{self as config, MachineConfig, ModelFile, Provenance, SourceEntry};
 pub(crate) use volcomp_identify::Reading;
 pub(crate) use volcomp_model::geometry::Vec3;
-pub(crate) use volcomp_model::statistics::SIGNIFICANT;
+pub(crate) use volcomp_model::statistics::{SIGNIFICANT, hull};
 pub(crate) use volcomp_model::{
     AxisSpec, Chain, Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec, Sense, Side,
 };

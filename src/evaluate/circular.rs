@@ -15,6 +15,7 @@ use core::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use volcomp_model::geometry::largest_gap;
+use volcomp_model::statistics::hull;
 use volcomp_units::axes::Travel;
 
 /// One reading on the circle.
@@ -190,12 +191,8 @@ fn centred(path: &[CircularReading], centring: Centring) -> Result<Centred, Circ
             find_centre(path, radius)
         }
     };
-    let distances = path.iter().map(|r| residual(r, centre, radius).0);
-    Ok(Centred {
-        largest: distances.clone().fold(f64::NEG_INFINITY, f64::max),
-        smallest: distances.fold(f64::INFINITY, f64::min),
-        centre,
-    })
+    let [smallest, largest] = hull(path.iter().map(|r| residual(r, centre, radius).0));
+    Ok(Centred { largest, smallest, centre })
 }
 
 /// Radial deviation about `centre`, and the unit vector from the centre to the reading.

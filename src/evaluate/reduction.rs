@@ -10,6 +10,7 @@
 //! Source: GUM (JCGM 100:2008), 5.1.2; kinds of contributions as in ISO/TR 230-9:2005.
 
 use std::collections::BTreeMap;
+use volcomp_model::statistics::hull;
 use volcomp_units::axes::Travel;
 
 /// One reading.
@@ -149,8 +150,7 @@ impl Reduction {
 
 /// Takes the line through the mean readings at both ends out.
 pub fn about_end_points(rows: &mut [(f64, Travel, f64)]) {
-    let low = rows.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
-    let high = rows.iter().map(|r| r.0).fold(f64::NEG_INFINITY, f64::max);
+    let [low, high] = hull(rows.iter().map(|r| r.0));
     let mean = |q: f64| {
         let (n, sum) = rows.iter().filter(|r| r.0 == q).fold((0.0, 0.0), |(n, s), r| (n + 1.0, s + r.2));
         sum / n

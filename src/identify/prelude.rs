@@ -8,6 +8,6 @@ pub(crate) use crate::primitives::jacobi;
 pub(crate) use crate::reading::{Reading, group_by_position};
 pub(crate) use volcomp_model::curve::{Interpolation, Table};
 pub(crate) use volcomp_model::geometry::{Mat3, Vec3, largest_gap, unit};
-pub(crate) use volcomp_model::statistics::{chi_square_upper, f_upper, median, student_95};
+pub(crate) use volcomp_model::statistics::{chi_square_upper, f_upper, hull, median, student_95};
 pub(crate) use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 pub(crate) use volcomp_units::axes::{AxisKind, AxisName, Travel};

@@ -1,4 +1,4 @@
-//! Probabilities for tests of fit and consistency, the width of intervals, and medians: the one place for them.
+//! Probabilities for tests of fit and consistency, the width of intervals, medians and ranges: the one place for them.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT};
 
@@ -9,6 +9,12 @@ pub const SIGNIFICANT: f64 = 1e-3;
 const MANY: usize = 2000;
 /// Two-sided 95 % quantile of the normal distribution.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
+
+/// Lowest and highest of some values; infinite where there is none.
+pub fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    values.into_iter().fold(ends, |(l, h), v| (l.min(v), h.max(v))).into()
+}
 
 /// Median; none of no values.
 #[must_use]

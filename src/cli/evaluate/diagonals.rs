@@ -9,7 +9,7 @@ use super::{
 };
 use crate::positioning_data::TestColumns;
 use crate::prelude::*;
-use crate::report::plot::{Area, Drawn, Svg, TITLE, stacked_tests, words};
+use crate::report::plot::{Area, Drawn, SHEET_WIDTH, Svg, TITLE, stacked_tests, words};
 use volcomp_evaluate::diagonal::about_means;
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
@@ -185,7 +185,13 @@ fn four(test: &Evaluated, y: [f64; 2], area: &Area<'_>) -> Drawn {
 
 /// The diagonals, before and after below each other.
 fn whole(title: &str, after: &Evaluated, before: Option<&Evaluated>, y: [f64; 2]) -> Svg {
-    stacked_tests(title, &headed(before, after), |_| 2 * HEIGHT, |area, test| four(test, y, area))
+    stacked_tests(
+        SHEET_WIDTH,
+        title,
+        &headed(before, after),
+        |_| 2 * HEIGHT,
+        |area, test| four(test, y, area),
+    )
 }
 
 fn report(

@@ -4,8 +4,8 @@ use core::ops::Range;
 
 use crate::report::plot::*;
 
-use crate::numerals::hull;
 use volcomp_daemon::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
+use volcomp_model::statistics::hull;
 
 const PANEL: (u32, u32) = (900, 280);
 /// Height of the legend below a panel: it never covers data.

@@ -60,15 +60,8 @@ impl PictureArgs {
 
 /// All panels in one drawing.
 pub(super) fn svg(fitted: &[Fitted]) -> Svg {
-    svg_of((SIZE.0, SIZE.1 * fitted.len().max(1) as u32), |area| {
-        let mut rest = area.clone();
-        for f in fitted {
-            let (here, below) = rest.split_vertically(SIZE.1);
-            draw(&here, f)?;
-            rest = below;
-        }
-        Ok(())
-    })
+    let tests: Vec<_> = fitted.iter().map(|f| ("", f)).collect();
+    stacked_tests(SIZE.0, "", &tests, |_| SIZE.1, |area, f| draw(area, f))
 }
 
 /// A page with figures, panels and notes.

@@ -5,7 +5,7 @@ use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 pub(crate) use plotters::prelude::*;
 
-use crate::numerals::hull;
+use volcomp_model::statistics::hull;
 
 /// The first series.
 pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);
@@ -73,6 +73,7 @@ pub(crate) fn stacked(width: u32, title: &str, parts: &[Part<'_>]) -> Svg {
 
 /// Tests of one kind below each other, each with its heading.
 pub(crate) fn stacked_tests<T>(
+    width: u32,
     title: &str,
     tests: &[(&str, T)],
     height: impl Fn(&T) -> u32,
@@ -81,7 +82,7 @@ pub(crate) fn stacked_tests<T>(
     let draw = &draw;
     let drawn: Vec<_> = tests.iter().map(|(_, test)| move |area: &Area<'_>| draw(area, test)).collect();
     let parts = tests.iter().zip(&drawn).map(|((heading, test), draw)| (*heading, height(test), draw as _));
-    stacked(SHEET_WIDTH, title, &parts.collect::<Vec<Part<'_>>>())
+    stacked(width, title, &parts.collect::<Vec<Part<'_>>>())
 }
 
 /// Words above a picture; what is left below them.

@@ -263,10 +263,7 @@ fn check(symbol: ErrorSymbol, a: &Stated, b: &Stated) -> Option<Check> {
 
 /// The weighted mean of aligned functions as a table, the share of each, and whether ranges were joined.
 fn mean(stated: &[Stated], birge: f64) -> (ErrorFunction, Vec<(usize, f64)>, bool) {
-    let hull = stated
-        .iter()
-        .map(|s| s.range)
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |h, r| [h[0].min(r[0]), h[1].max(r[1])]);
+    let hull = hull(stated.iter().flat_map(|s| s.range));
     let mut x: Vec<f64> = stated.iter().flat_map(|s| own_places(s, hull)).collect();
     x.sort_by(f64::total_cmp);
     x.dedup_by(|b, a| *b - *a <= 1e-9 * (hull[1] - hull[0]));

@@ -3,6 +3,7 @@
 use core::f64::consts::{PI, TAU};
 
 use super::Sample;
+use volcomp_model::statistics::hull;
 use volcomp_units::axes::Travel;
 
 /// More than a turn by this much counts as overshoot, rad.
@@ -63,7 +64,7 @@ pub(super) fn elapsed(samples: &[Sample]) -> Vec<f64> {
         all.extend(run.iter().zip(&path).map(time));
         begin = all.last().copied().unwrap_or(begin);
     }
-    let (low, high) = all.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(*t), h.max(*t)));
+    let [low, high] = hull(all.iter().copied());
     let span = (high - low).max(f64::MIN_POSITIVE);
     all.into_iter().map(|t| (t - low) / span - 0.5).collect()
 }

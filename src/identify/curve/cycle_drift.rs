@@ -205,8 +205,7 @@ impl<'a> Test<'a> {
 
     /// Increments between knots at equal times.
     fn walk_columns(&self) -> DMatrix<f64> {
-        let (first, last) =
-            self.time.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(*t), h.max(*t)));
+        let [first, last] = hull(self.time.iter().copied());
         let per_cycle = KNOTS.min(2 * self.targets);
         let knots = (per_cycle * self.cycles).min(KNOTS_MAX);
         let step = (last - first) / knots as f64;

@@ -277,9 +277,7 @@ impl Groups {
             let (positions, group) = group_by_position(readings);
             return (positions, Self::Sorted(group));
         }
-        let (low, high) = readings
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), r| (l.min(r.position), h.max(r.position)));
+        let [low, high] = hull(readings.iter().map(|r| r.position));
         let per_width = if high > low { MANY as f64 / (high - low) } else { 0.0 };
         let mut sums = vec![(0.0, 0u32); MANY];
         for r in readings {

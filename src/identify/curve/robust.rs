@@ -140,9 +140,7 @@ fn from_medians(readings: &[Reading]) -> Option<Vec<f64>> {
 
 /// Deviations from half waves with a reversal that outliers cannot drag.
 fn from_first_curve(readings: &[Reading]) -> Vec<f64> {
-    let (low, high) = readings
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), r| (l.min(r.position), h.max(r.position)));
+    let [low, high] = hull(readings.iter().map(|r| r.position));
     let directions = readings.iter().any(|r| r.travel != readings[0].travel);
     let terms = (readings.len() / READINGS_PER_TERM).clamp(2, TERMS);
     let shape = Shape {

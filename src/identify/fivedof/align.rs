@@ -9,6 +9,7 @@
 
 use super::{FiveDof, Head, Readings};
 use crate::straightness::{Line, Rule};
+use volcomp_model::statistics::hull;
 
 /// What fixes the slope of roll.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,8 +78,7 @@ impl Stretch {
 ///
 /// # Source  equations 5.2
 pub fn align(head: &Head, positions: &[f64], run: &[FiveDof], level: Level) -> Result<Aligned, AlignError> {
-    let low = positions.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = positions.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let [low, high] = hull(positions.iter().copied());
     if positions.len() < 3 || positions.len() != run.len() || high <= low {
         return Err(AlignError::TooFew { found: positions.len() });
     }

@@ -15,6 +15,8 @@ pub mod levers;
 pub mod runs;
 pub mod signs;
 
+use volcomp_model::statistics;
+
 /// Which line a straightness refers to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
@@ -103,8 +105,7 @@ impl Line {
         if let Some(i) = x.iter().zip(y).position(|(x, y)| !(x.is_finite() && y.is_finite())) {
             return Err(LineError::NotFinite { row: i + 1 });
         }
-        let low = x.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let [low, high] = statistics::hull(x.iter().copied());
         if x.is_empty() || high <= low {
             return Err(LineError::TooFewPositions { found: usize::from(!x.is_empty()) });
         }
@@ -129,7 +130,7 @@ fn least_squares(x: &[f64], y: &[f64]) -> Line {
     let sxx: f64 = x.iter().map(|x| (x - cx).powi(2)).sum();
     let sxy: f64 = x.iter().zip(y).map(|(x, y)| (x - cx) * (y - cy)).sum();
     let slope = sxy / sxx;
-    let (bottom, top) = band(x, y, slope);
+    let [bottom, top] = band(x, y, slope);
     Line { slope, intercept: cy - slope * cx, straightness: top - bottom, slope_std: 1.0 / sxx.sqrt() }
 }
 
@@ -141,7 +142,7 @@ fn end_point(x: &[f64], y: &[f64], low: f64, high: f64) -> Line {
     };
     let ((first, var_first), (last, var_last)) = (mean_at(low), mean_at(high));
     let slope = (last - first) / (high - low);
-    let (bottom, top) = band(x, y, slope);
+    let [bottom, top] = band(x, y, slope);
     Line {
         slope,
         intercept: first - slope * low,
@@ -179,7 +180,7 @@ fn minimum_zone(x: &[f64], y: &[f64]) -> Line {
             l += 1;
         }
     }
-    let (bottom, top) = band(x, y, slope);
+    let [bottom, top] = band(x, y, slope);
     Line {
         slope,
         intercept: f64::midpoint(bottom, top),
@@ -213,11 +214,8 @@ fn hull(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
 }
 
 /// Lowest and highest reading above a line of this slope through the origin.
-fn band(x: &[f64], y: &[f64], slope: f64) -> (f64, f64) {
-    x.iter()
-        .zip(y)
-        .map(|(x, y)| y - slope * x)
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+fn band(x: &[f64], y: &[f64], slope: f64) -> [f64; 2] {
+    statistics::hull(x.iter().zip(y).map(|(x, y)| y - slope * x))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ fn by_enumeration(x: &[f64], y: &[f64]) -> f64 {
     for i in 0..x.len() {
         for j in 0..i {
             if x[i] != x[j] {
-                let (low, high) = band(x, y, (y[i] - y[j]) / (x[i] - x[j]));
+                let [low, high] = band(x, y, (y[i] - y[j]) / (x[i] - x[j]));
                 best = best.min(high - low);
             }
         }

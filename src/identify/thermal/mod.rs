@@ -10,6 +10,7 @@ mod ridge;
 use ridge::{Line, Sums};
 use volcomp_estimate::thermal::TERMS_MAX;
 use volcomp_estimate::{Quantity, Thermal, ThermalInput, ThermalState};
+use volcomp_model::statistics::hull;
 
 /// A recorded input.
 #[derive(Debug, Clone, PartialEq)]
@@ -263,8 +264,7 @@ impl Input {
     /// The range of the first rows; of a speed, of its size.
     fn range(&self, rows: usize) -> [f64; 2] {
         let speed = self.quantity == Quantity::Speed;
-        let seen = self.values[..rows].iter().map(|v| if speed { v.abs() } else { *v });
-        seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| [a.min(v), b.max(v)])
+        hull(self.values[..rows].iter().map(|v| if speed { v.abs() } else { *v }))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::Test;
 use super::report::named;
-use crate::identify::ballbar::report::{COVERAGE, decimals_of, unit_of};
+use crate::identify::ballbar::report::{COVERAGE, decimals_of, unit_of, with_limits};
 use crate::prelude::*;
 use volcomp_identify::ballbar::{Effect, Feature};
 
@@ -116,10 +116,7 @@ impl Course {
         match self.change() {
             None => "-".to_owned(),
             Some((v, None)) => plain(v, 2),
-            Some((v, Some(u))) => {
-                let decimals = decimals_of(u);
-                format!("{} ± {u:.decimals$}", plain(v, decimals))
-            }
+            Some((v, Some(u))) => with_limits(v, u / COVERAGE),
         }
     }
 

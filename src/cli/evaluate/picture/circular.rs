@@ -46,7 +46,7 @@ pub(in crate::evaluate) fn single(shown: &Shown<'_>, division: f64) -> Svg {
 /// # Errors
 /// The drawing library could not draw it.
 pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Shown<'_>)], division: f64) -> Svg {
-    stacked_tests(title, shown, |_| HEIGHT, |area, one| draw(area, one, division))
+    stacked_tests(SHEET_WIDTH, title, shown, |_| HEIGHT, |area, one| draw(area, one, division))
 }
 
 /// From angle and deviation to pixels.

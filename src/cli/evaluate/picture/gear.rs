@@ -47,7 +47,7 @@ pub(in crate::evaluate) fn single(panels: &[Panel], step: f64) -> Svg {
 /// # Errors
 /// The drawing library could not draw it.
 pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Vec<Panel>)], step: f64) -> Svg {
-    stacked_tests(title, shown, |panels| height(panels), |area, panels| draw(area, panels, step))
+    stacked_tests(SHEET_WIDTH, title, shown, |panels| height(panels), |area, panels| draw(area, panels, step))
 }
 
 fn draw(area: &Area<'_>, panels: &[Panel], step_um: f64) -> Drawn {

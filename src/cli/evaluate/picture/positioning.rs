@@ -53,7 +53,7 @@ pub(in crate::evaluate) fn whole(title: &str, after: &Shown<'_>, before: Option<
         [Some(after.result), before.map(|b| b.result)],
         [after.readings, before.map_or(&[][..], |b| b.readings)],
     );
-    stacked_tests(title, &headed(before, after), |_| HEIGHT, |area, test| draw(area, test, y))
+    stacked_tests(SHEET_WIDTH, title, &headed(before, after), |_| HEIGHT, |area, test| draw(area, test, y))
 }
 
 /// A test in an area; also used small, for the diagonals.

@@ -56,13 +56,7 @@ pub(super) fn motion(text: &str) -> Result<(AxisName, PathBuf), String> {
 pub(super) fn place(text: &str) -> Result<(PathBuf, [f64; 3]), String> {
     let bad = || format!("invalid file and point '{text}'; write for example z-axis.csv=400,250,-100");
     let (file, point) = text.rsplit_once('=').ok_or_else(bad)?;
-    let list: Vec<f64> = point.split(',').filter_map(|v| v.trim().parse().ok()).collect();
-    match list[..] {
-        [x, y, z] if list.iter().all(|v| v.is_finite()) && point.split(',').count() == 3 => {
-            Ok((PathBuf::from(file), [x, y, z]))
-        }
-        _ => Err(bad()),
-    }
+    numbers(point).map(|at| (PathBuf::from(file), at)).ok_or_else(bad)
 }
 
 /// Reads all inputs.

@@ -74,13 +74,8 @@ impl Panel {
     /// Lowest and highest value with some room; around zero where all is zero.
     fn y(&self) -> [f64; 2] {
         let band = self.std.unwrap_or(0.0) * 2.0;
-        let values = self.forward.iter().flatten().chain(&self.reverse).map(|p| p.1);
-        let (low, high) = values.fold((0.0f64, 0.0f64), |(l, h), v| (l.min(v - band), h.max(v + band)));
-        if low == high {
-            return [-1.0, 1.0];
-        }
-        let room = 0.08 * (high - low);
-        [low - room, high + room]
+        let values = self.forward.iter().flatten().chain(&self.reverse);
+        with_room(values.flat_map(|p| [p.1 - band, p.1 + band]).chain([0.0]), 0.08)
     }
 }
 

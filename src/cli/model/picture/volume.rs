@@ -107,8 +107,7 @@ fn draw_legend(area: &Area<'_>) -> Drawn {
         (370, VERMILLION, "largest deviation"),
     ];
     for (x, colour, label) in entries {
-        area.draw(&PathElement::new(vec![(x, y), (x + 26, y)], colour.stroke_width(3)))?;
-        words(area, label, (x + 32, y - 7), 14)?;
+        legend(area, &[Key::line(colour, 3, label)], x, y)?;
     }
     Ok(())
 }
