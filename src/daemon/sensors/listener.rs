@@ -38,18 +38,18 @@ const COMPLAINTS_PER_S: u32 = 5;
 /// Patience with a sensor that does not read them.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// Lines in the log of all connections together.
+/// What all connections have in common.
 #[derive(Debug, Clone)]
-struct Lines {
+struct Common {
+    readings: Sender<Arrived>,
+    dropped: Arc<AtomicU64>,
+    known: Arc<[ConfiguredSensor]>,
+    clock: Clock,
+    time: EstimatorTime,
+    idle: Duration,
+    /// Lines in the log about connections, and about what they send.
     connections: Arc<Mutex<LogLimiter>>,
     mistakes: Arc<Mutex<LogLimiter>>,
-}
-
-impl Lines {
-    fn new() -> Self {
-        let limiter = || Arc::new(Mutex::new(LogLimiter::new(LINES, LINES_PAUSE)));
-        Self { connections: limiter(), mistakes: limiter() }
-    }
 }
 
 /// Whether a line may be written now; with the number of lines held back since the last one.
@@ -61,12 +61,7 @@ fn admit(limiter: &Mutex<LogLimiter>, clock: Clock) -> Option<u64> {
 #[derive(Debug)]
 pub(crate) struct Listener {
     listener: TcpListener,
-    readings: Sender<Arrived>,
-    dropped: Arc<AtomicU64>,
-    known: Arc<[ConfiguredSensor]>,
-    clock: Clock,
-    time: EstimatorTime,
-    idle: Duration,
+    common: Common,
 }
 
 impl Listener {
@@ -81,13 +76,15 @@ impl Listener {
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address).await?;
         info!(%address, "sensors connect here");
-        Ok(Self { listener, readings, dropped, known, clock, time, idle })
+        let limiter = || Arc::new(Mutex::new(LogLimiter::new(LINES, LINES_PAUSE)));
+        let (connections, mistakes) = (limiter(), limiter());
+        let common = Common { readings, dropped, known, clock, time, idle, connections, mistakes };
+        Ok(Self { listener, common })
     }
 
     /// Serves until dropped.
     pub(crate) async fn run(self) {
         let places = Arc::new(Semaphore::new(CONNECTIONS));
-        let lines = Lines::new();
         loop {
             let (mut stream, peer) = match self.listener.accept().await {
                 Ok(accepted) => accepted,
@@ -99,7 +96,7 @@ impl Listener {
                 }
             };
             let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-                if let Some(held_back) = admit(&lines.connections, self.clock) {
+                if let Some(held_back) = admit(&self.common.connections, self.common.clock) {
                     warn!(%peer, held_back, "more than {CONNECTIONS} connections of sensors; this one is closed");
                 }
                 let why =
@@ -107,23 +104,14 @@ impl Listener {
                 tokio::spawn(async move { reply(&mut stream, &why).await });
                 continue;
             };
-            let connection = Connection {
-                readings: self.readings.clone(),
-                dropped: Arc::clone(&self.dropped),
-                known: Arc::clone(&self.known),
-                clock: self.clock,
-                time: self.time.clone(),
-                idle: self.idle,
-                lines: lines.clone(),
-                complaints: (Instant::now(), 0),
-            };
-            let (lines, clock) = (lines.connections.clone(), self.clock);
+            let common = self.common.clone();
             tokio::spawn(async move {
-                if let Some(held_back) = admit(&lines, clock) {
+                if let Some(held_back) = admit(&common.connections, common.clock) {
                     info!(%peer, held_back, "a sensor's connection is open");
                 }
-                let end = connection.converse(stream).await;
-                if let Some(held_back) = admit(&lines, clock) {
+                let end =
+                    Connection { common: &common, complaints: (Instant::now(), 0) }.converse(stream).await;
+                if let Some(held_back) = admit(&common.connections, common.clock) {
                     info!(%peer, held_back, "a sensor's connection is closed: {end}");
                 }
                 drop(place);
@@ -132,19 +120,13 @@ impl Listener {
     }
 }
 
-struct Connection {
-    readings: Sender<Arrived>,
-    dropped: Arc<AtomicU64>,
-    known: Arc<[ConfiguredSensor]>,
-    clock: Clock,
-    time: EstimatorTime,
-    idle: Duration,
-    lines: Lines,
+struct Connection<'a> {
+    common: &'a Common,
     /// Begin of the present second, and sentences in it.
     complaints: (Instant, u32),
 }
 
-impl Connection {
+impl Connection<'_> {
     /// Takes readings until the connection ends; says why it did.
     async fn converse(mut self, mut stream: TcpStream) -> String {
         let _ = stream.set_nodelay(true);
@@ -154,20 +136,20 @@ impl Connection {
         let mut said = Stream::default();
         let mut buffer = vec![0; 16 * 1024];
         loop {
-            let count = match timeout(self.idle, stream.read(&mut buffer)).await {
+            let count = match timeout(self.common.idle, stream.read(&mut buffer)).await {
                 Ok(Ok(0)) => return "by the sensor".to_owned(),
                 Ok(Ok(count)) => count,
                 Ok(Err(e)) => return e.to_string(),
                 Err(_) => {
                     let why = format!(
                         "nothing was said for {} s (idle-s); the connection is closed",
-                        self.idle.as_secs_f64()
+                        self.common.idle.as_secs_f64()
                     );
                     reply(&mut stream, &why).await;
                     return why;
                 }
             };
-            let now = self.time.now();
+            let now = self.common.time.now();
             said.push(&buffer[..count]);
             while let Some(message) = said.next() {
                 let problem = match message {
@@ -196,15 +178,15 @@ impl Connection {
     /// A message goes to the estimator; gives what is wrong with it.
     fn pass_on(&self, now: MonoTime, said: Said) -> Option<String> {
         let Said { sensor, reading } = said;
-        let Some(known) = self.known.iter().find(|known| known.name == sensor) else {
-            let names: Vec<&str> = self.known.iter().map(|known| known.name.as_str()).collect();
+        let Some(known) = self.common.known.iter().find(|known| known.name == sensor) else {
+            let names: Vec<&str> = self.common.known.iter().map(|known| known.name.as_str()).collect();
             let names = names.join(", ");
             return Some(format!("sensor \"{sensor}\" is not in the machine file; it has {names}"));
         };
         // one of another kind is passed on, too: the status names the sensor that says it
         let objection = known.objection(&reading);
-        if self.readings.try_send(Arrived { now, sensor, reading }).is_err() {
-            self.dropped.fetch_add(1, Relaxed);
+        if self.common.readings.try_send(Arrived { now, sensor, reading }).is_err() {
+            self.common.dropped.fetch_add(1, Relaxed);
         }
         objection
     }
@@ -219,7 +201,7 @@ impl Connection {
         if *count > COMPLAINTS_PER_S {
             return;
         }
-        if let Some(held_back) = admit(&self.lines.mistakes, self.clock) {
+        if let Some(held_back) = admit(&self.common.mistakes, self.common.clock) {
             warn!(held_back, "a sensor sends what cannot be used: {problem}");
         }
         reply(stream, problem).await;
