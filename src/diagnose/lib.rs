@@ -40,6 +40,7 @@ use bar_length::{BarLength, BarLengths};
 use constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT, STRONG, SURE};
 use evidence::Comparison;
 use library::{Kind, Library, Shape, Without};
+use moment::Axis;
 use noise::{ClassNoise, Filter};
 use search::{Problem, RawColumns, Selection};
 use searched::Searched;
@@ -150,6 +151,13 @@ pub fn diagnose(
              so they are counted"
                 .to_owned(),
         ));
+    }
+    let up = session.machine.up();
+    if session.machine.vertical.is_none() && up != Axis::Z {
+        session.notes.push(Note::new(format!(
+            "{up} is taken for the axis that points up, as the table turns all the way about it; if it does not, write vertical in \
+             [frame] of the model"
+        )));
     }
     // fresh readings count as those of the session do
     if session.ball_zero.is_some()

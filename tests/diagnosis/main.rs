@@ -5,6 +5,7 @@ mod circles;
 mod cli;
 mod effects;
 mod head;
+mod horizontal;
 mod instruments;
 mod lags;
 mod noise;
