@@ -39,8 +39,7 @@ mod stochastic;
 use bar_length::{BarLength, BarLengths};
 use constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT, STRONG, SURE};
 use evidence::Comparison;
-use library::{Kind, Library, Shape, Without};
-use moment::Axis;
+use library::{Kind, Library, Shape, Variant, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, RawColumns, Selection};
 use searched::Searched;
@@ -152,11 +151,15 @@ pub fn diagnose(
                 .to_owned(),
         ));
     }
-    let up = session.machine.up();
-    if session.machine.vertical.is_none() && up != Axis::Z {
+    let is_drop = |v: &Variant| matches!(v.shape, Shape::Sag(_) | Shape::Ram(_));
+    let machine = &session.machine;
+    if machine.vertical.is_none()
+        && machine.table_about_y().is_some()
+        && analysis.library.variants.iter().any(is_drop)
+    {
+        let up = machine.up();
         session.notes.push(Note::new(format!(
-            "{up} is taken for the axis that points up, as the table turns all the way about it; if it does not, write vertical in \
-             [frame] of the model"
+            "{up} is taken for the axis that points up, beside a table that turns about y; `vertical` in [frame] of the model says it"
         )));
     }
     // fresh readings count as those of the session do

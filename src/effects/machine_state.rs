@@ -376,14 +376,20 @@ impl Machine {
         Self { axes, tool_tip_mm: Vec3::zeros(), gauge_point_mm: None, vertical: None }
     }
 
-    /// The axis that points up. Where the model does not say it, Z; Y where the table turns all the way about Y and not about Z:
+    /// The axis that points up. Where the model does not say it, Z; Y where a table turns all the way about Y and no other about Z:
     /// a horizontal spindle.
     #[must_use]
     pub fn up(&self) -> Axis {
-        let on_table = |turn: Axis| self.axes.iter().find(move |a| a.axis == turn && a.workpiece_side);
-        let turns = |a: &MachineAxis| a.travel.is_some_and(|[low, high]| high - low >= TAU);
-        let is_horizontal = on_table(Axis::B).is_some_and(turns) && on_table(Axis::C).is_none();
+        let turns = |a: &MachineAxis| a.travel.is_some_and(|[low, high]| high - low > 0.99 * TAU);
+        let is_horizontal = self.table_about_y().is_some_and(turns);
         self.vertical.unwrap_or(if is_horizontal { Axis::Y } else { Axis::Z })
+    }
+
+    /// A table that turns about Y, without one about Z: of a horizontal spindle, or a rotary attachment of an upright machine.
+    #[must_use]
+    pub fn table_about_y(&self) -> Option<&MachineAxis> {
+        let on_table = |turn: Axis| self.axes.iter().find(move |a| a.axis == turn && a.workpiece_side);
+        on_table(Axis::B).filter(|_| on_table(Axis::C).is_none())
     }
 
     /// The linear axes whose travel is a lever of the angular errors of `axis`: those between it and the tool, and itself

@@ -42,7 +42,9 @@ pub fn start_up_outliers(readings: &[Reading]) -> Vec<StartUpOutlier> {
         values.sort_by(f64::total_cmp);
     }
     let Some(sigma) = pooled(others.values()) else { return Vec::new() };
-    let apart = |(i, r): (usize, &Reading)| Some((i, r.value - median(others.get(&key(i))?.clone())?));
+    let middle: BTreeMap<(usize, bool), f64> =
+        others.iter().filter_map(|(key, values)| Some((*key, median(values.clone())?))).collect();
+    let apart = |(i, r): (usize, &Reading)| Some((i, r.value - middle.get(&key(i))?));
     let first_cycle: Vec<(usize, f64)> =
         readings.iter().enumerate().filter(|(_, r)| r.cycle == first).filter_map(apart).collect();
     let drift = median(first_cycle.iter().map(|(_, d)| *d).collect()).unwrap_or(0.0);

@@ -45,6 +45,10 @@ fn change_words(change: &Change) -> String {
             let words = p.each_ref().map(|p| p.as_ref().map_or_else(|| "none".to_owned(), point));
             of("gauge point".to_owned(), words)
         }
+        Change::Vertical(v) => {
+            let words = v.map(|v| v.map_or_else(|| "not stated".to_owned(), |v| v.to_string()));
+            of("vertical axis".to_owned(), words)
+        }
         Change::Tool(t) => {
             let words = t.map(|t| {
                 let [a, b] = t.tilt.map(|v| rounded(arcsec_from_rad(v)));

@@ -53,7 +53,8 @@ impl Report<'_> {
         let spec = self.spec();
         let gauge = spec.gauge_point.map_or(String::new(), |g| format!(", gauge point {} mm", point(&g)));
         let [origin, tip] = [spec.workpiece_origin, spec.tool_tip].map(|p| point(&p));
-        let frame = format!("workpiece origin {origin} mm, tool tip {tip} mm{gauge}");
+        let vertical = spec.vertical.map_or(String::new(), |up| format!(", {up} vertical"));
+        let frame = format!("workpiece origin {origin} mm, tool tip {tip} mm{gauge}{vertical}");
         let stated = Some(origin_words(&self.file.provenance)).filter(|words| !words.is_empty());
         [frame].into_iter().chain(stated).collect()
     }
@@ -122,6 +123,7 @@ impl Report<'_> {
             "workpiece_origin_mm": list(&spec.workpiece_origin),
             "tool_tip_mm": list(&spec.tool_tip),
             "gauge_point_mm": spec.gauge_point.as_ref().map(list),
+            "vertical": spec.vertical.map(AxisName::lower),
             "provenance": provenance_json(&self.file.provenance),
             "axes": spec.chain.axes().iter().map(|a| axis_json(spec, a.name)).collect::<Value>(),
             "errors": spec.errors.iter().map(|(s, f)| self.error_json(*s, f)).collect::<Value>(),

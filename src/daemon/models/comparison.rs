@@ -93,6 +93,7 @@ fn changes(found: &Comparison) -> Vec<String> {
         Change::WorkpieceOrigin(_) => "origin of the workpiece".to_owned(),
         Change::ToolTip(_) => "tool tip".to_owned(),
         Change::GaugePoint(_) => "gauge point".to_owned(),
+        Change::Vertical(_) => "vertical axis".to_owned(),
         Change::Tool(_) => "errors of the spindle".to_owned(),
         Change::Datum(_) => "datum".to_owned(),
         Change::Travel { axis, .. } => format!("travel of {axis}"),

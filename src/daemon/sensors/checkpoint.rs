@@ -249,6 +249,9 @@ mod tests {
 
         let path = folder.path().join(FILE);
         let good = fs::read_to_string(&path).unwrap();
+        // files of earlier versions have these keys
+        let keys = ["maps", "growths", "name", "components", "nodes_mm", "values", "evidence"];
+        assert!(keys.iter().all(|key| good.contains(&format!("\"{key}\":"))), "{good}");
         for (kept, machine, model, words) in [
             (good.clone(), "n", hash, "other-machine"),
             (good.clone(), "m", "def", "other-model"),

@@ -22,9 +22,9 @@ pub struct RangeNoise {
 /// Powers of the range that are tried, in steps of a tenth.
 const TENTHS: core::ops::RangeInclusive<u8> = 2..=40;
 
-/// Information of differences from the mean of three readings before, relative to independent readings: their squares correlate
-/// (Hall, Kay, Titterington 1990).
-const OVERLAP: f64 = 36.0 / 43.0;
+/// How much more the sum of squares of differences from the mean of three readings before varies than that of independent normal
+/// readings, as their squares correlate (Hall, Kay, Titterington 1990), and by how much more for each unit of dispersion beyond 1.
+const OVERLAP: [f64; 2] = [43.0 / 36.0, 12.0 / 7.0];
 
 /// What differs between repeats, by the distance.
 #[must_use]
@@ -93,7 +93,7 @@ fn apart(
             pass: (r.run, r.repeat, m.u.iamax()),
             residual: residuals[i],
             of: of(m),
-            independent: r.pair.map_or(1.0, |p| 1.0 - 1.0 / repeats[&p]),
+            independent: 1.0 - 1.0 / repeats.get(&r.pair?)?,
         };
         (!single.of.is_nan() && !moves(m)).then_some(single)
     });
@@ -224,8 +224,9 @@ impl<'a> Scatter<'a> {
         let (n, size) = (self.rows.len() as f64, self.size(shape));
         let square = |(k, s): (usize, &f64)| (s / (size * shape(k)) - 1.0).powi(2);
         let dispersion = (HALF * self.squares.iter().enumerate().map(square).sum::<f64>() / n).max(1.0);
-        let independent = OVERLAP * self.rows.iter().map(|r| r.independent).sum::<f64>() / n;
-        (!is_a_direction).then(|| 2.0 * gain * independent / dispersion)
+        let independent = self.rows.iter().map(|r| r.independent).sum::<f64>() / n;
+        let inflation = OVERLAP[0] + OVERLAP[1] * (dispersion - 1.0);
+        (!is_a_direction).then(|| 2.0 * gain * independent / inflation)
     }
 }
 
@@ -233,7 +234,7 @@ impl<'a> Scatter<'a> {
 mod tests {
     use super::super::super::constants::STRONG;
     use super::super::Random;
-    use super::{Apart, Single, beside_before, by_angle, by_range, is_elsewhere};
+    use super::{Apart, OVERLAP, Single, beside_before, by_angle, by_range, is_elsewhere};
 
     /// Readings along three axes at three distances from a station; noise of the angles per metre, of the length, of one axis.
     fn readings(angles: f64, length: f64, one_axis: f64) -> Vec<Apart> {
@@ -271,6 +272,24 @@ mod tests {
 
     fn range_m(i: usize) -> f64 {
         0.7 + 1.3 * (i / 2) as f64 / 60.0
+    }
+
+    #[test]
+    fn differences_are_as_large_as_the_noise_and_overlap_as_stated() {
+        let mut random = Random::new(7);
+        let noise: Vec<f64> = (0..40_000).map(|_| random.normal()).collect();
+        let single = |(i, residual): (usize, f64)| Single {
+            pass: (i / 4000, 1, 0),
+            residual,
+            of: 1.0,
+            independent: 1.0,
+        };
+        let squares: Vec<f64> =
+            beside_before(noise.into_iter().enumerate().map(single)).iter().map(|r| r.square - 1.0).collect();
+        let lagged = |lag: usize| squares.iter().zip(&squares[lag..]).map(|(a, b)| a * b).sum::<f64>();
+        assert!(squares.iter().sum::<f64>().abs() < 0.03 * squares.len() as f64);
+        let inflation = 1.0 + 2.0 * (1..=3).map(lagged).sum::<f64>() / lagged(0);
+        assert!((inflation - OVERLAP[0]).abs() < 0.05, "{inflation}");
     }
 
     #[test]

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::super::Analysis;
-use super::super::constants::{DEGENERATE, DEVIATION_EXPECTED, DEVIATIONS, LITTLE};
+use super::super::constants::{DEVIATION_EXPECTED, DEVIATIONS, LITTLE};
 use super::super::forecast::Contributions;
 use super::super::library::legendre;
 use super::super::moment::{Axis, Moment};
@@ -61,35 +61,40 @@ fn quantities(session: &Session, but: Option<Axis>) -> Vec<Quantity<'_>> {
     all
 }
 
-/// Products of a contribution with polynomials of each quantity, [`DEGREE`] columns each: orthogonal to it and to each other, as large
-/// as those with Legendre polynomials over an even range, so that a coefficient says the same wherever in the range it acts.
+/// Products of a contribution with polynomials of each quantity, [`DEGREE`] columns each.
 fn products(session: &Session, a: &Analysis, part: &[f64], but: Option<Axis>) -> Vec<Vec<f64>> {
-    let least = LITTLE * part.iter().map(|p| p * p).sum::<f64>() / part.len().max(1) as f64;
-    let mut columns = Vec::new();
-    for of in quantities(session, but) {
+    let of = |of: Quantity<'_>| {
         let values: Vec<f64> = a.filter.order().iter().map(|i| of(&session.moments[*i])).collect();
-        let acts = values.iter().zip(part).filter(|(_, p)| *p * *p > least);
-        let [low, high] =
-            acts.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], (v, _)| [l.min(*v), h.max(*v)]);
-        let is_known = values.iter().all(|v| v.is_finite());
-        if !is_known || high - low <= f64::EPSILON.sqrt() * (1.0 + high.abs()) {
-            continue;
-        }
-        let powers = DMatrix::from_fn(part.len(), DEGREE + 1, |i, degree| {
-            let mut l = [0.0; DEGREE + 1];
-            legendre(((2.0 * values[i] - low - high) / (high - low)).clamp(-1.0, 1.0), &mut l);
-            part[i] * l[degree]
-        });
-        let size = powers.column(0).norm();
-        let (basis, r) = powers.qr().unpack();
-        for degree in 1..=DEGREE {
-            // two values of a quantity show no second degree
-            let is_shown = r[(degree, degree)].powi(2) > DEGENERATE * size * size;
-            let scale = if is_shown { size / (2.0 * degree as f64 + 1.0).sqrt() } else { 0.0 };
-            columns.push(basis.column(degree).iter().map(|v| scale * v).collect());
-        }
+        times_polynomials(part, &values)
+    };
+    quantities(session, but).into_iter().flat_map(of).collect()
+}
+
+/// Products of a contribution with polynomials of a quantity: orthogonal to it and to each other, as large as those with Legendre
+/// polynomials over an even range, so that a coefficient says the same wherever in the range it acts. None of what is not known or does
+/// not change where it acts.
+fn times_polynomials(part: &[f64], values: &[f64]) -> Vec<Vec<f64>> {
+    let least = LITTLE * part.iter().map(|p| p * p).sum::<f64>() / part.len().max(1) as f64;
+    let acts = values.iter().zip(part).filter(|(_, p)| *p * *p > least);
+    let [low, high] = acts.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], (v, _)| [l.min(*v), h.max(*v)]);
+    let is_known = values.iter().all(|v| v.is_finite());
+    if !is_known || high - low <= f64::EPSILON.sqrt() * (1.0 + high.abs()) {
+        return Vec::new();
     }
-    columns
+    let powers = DMatrix::from_fn(part.len(), DEGREE + 1, |i, degree| {
+        let mut l = [0.0; DEGREE + 1];
+        legendre(((2.0 * values[i] - low - high) / (high - low)).clamp(-1.0, 1.0), &mut l);
+        part[i] * l[degree]
+    });
+    let size = powers.column(0).norm();
+    let (basis, r) = powers.qr().unpack();
+    let of_degree = |degree: usize| {
+        let even = size / (2.0 * degree as f64 + 1.0).sqrt();
+        // two values of a quantity show no second degree
+        let scale = if r[(degree, degree)].powi(2) > LITTLE * even * even { even } else { 0.0 };
+        basis.column(degree).iter().map(|v| scale * v).collect()
+    };
+    (1..=DEGREE).map(of_degree).collect()
 }
 
 /// The largest posterior mean deviation by one quantity, beside what is given.
@@ -110,4 +115,41 @@ fn deviation(a: &Analysis, given: &Given, left: &DVector<f64>, columns: &[Vec<f6
         posterior_deviation(eigen.eigenvalues.as_slice(), along.as_slice(), noise)
     };
     (0..width).step_by(DEGREE).map(by_one).fold(DEVIATION_EXPECTED, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::times_polynomials;
+
+    fn dot(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a * b).sum()
+    }
+
+    /// An effect that acts mostly at one end of a range.
+    fn part() -> Vec<f64> {
+        (0..100).map(|i| if i < 90 { 5.0 } else { 2.0 }).collect()
+    }
+
+    #[test]
+    fn products_are_orthogonal_to_an_effect_and_of_its_size_wherever_it_acts() {
+        let values: Vec<f64> =
+            (0..100).map(|i| if i < 90 { 0.01 * f64::from(i) } else { f64::from(i) }).collect();
+        let (part, products) = (part(), times_polynomials(&part(), &values));
+        let size = dot(&part, &part);
+        for (product, degree) in products.iter().zip([1.0, 2.0]) {
+            assert!(dot(product, &part).abs() < 1e-9 * size);
+            let share = dot(product, product) / size * (2.0 * degree + 1.0);
+            assert!((share - 1.0).abs() < 1e-9 || share == 0.0, "{degree}: {share}");
+        }
+        assert!(dot(&products[0], &products[0]) > 0.0 && dot(&products[0], &products[1]).abs() < 1e-9 * size);
+    }
+
+    #[test]
+    fn two_values_show_no_second_degree_and_one_or_none_nothing() {
+        let two: Vec<f64> = (0..100).map(|i| f64::from(i % 2)).collect();
+        let products = times_polynomials(&part(), &two);
+        assert!(dot(&products[0], &products[0]) > 0.0 && dot(&products[1], &products[1]) == 0.0);
+        assert!(times_polynomials(&part(), &[3.0; 100]).is_empty());
+        assert!(times_polynomials(&part(), &[f64::NAN; 100]).is_empty());
+    }
 }

@@ -25,18 +25,20 @@ pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
     // under a head the slope turns all that hangs on it
     let under = data.head().then_some(own);
     let mut shapes: Vec<Shape> = Vec::new();
+    let across = Axis::LINEAR[3 - axis.direction() - up.direction()];
+    // a turn about the tool moves nothing
+    let turns_tool = data.tools && across != Axis::Z || under.is_some();
     for length_mm in LENGTHS.map(|f| 2.0 * half * f) {
-        for tool in [false, true].into_iter().filter(|t| !t || data.tools || under.is_some()) {
-            let (start_mm, lever) = (outward(axis) * low, under.filter(|_| tool));
+        for tool in [false, true].into_iter().filter(|t| !t || turns_tool) {
+            let (start_mm, lever) = (outward(axis) * low + 0.0, under.filter(|_| tool));
             shapes.push(Sag { axis, up, start_mm, length_mm, tool, lever }.into());
         }
     }
     // the drop is that of the reference points or of the nose
-    let across = Axis::LINEAR[3 - axis.direction() - up.direction()];
     let levers = [data.arm(axis, across), Lever { home_mm: data.below_nose().into(), ..own }];
     // drawn in as far as it goes, a ram may hang over already
     for start in OVERHANGS.map(|o| if o > 0.0 { low - o * 2.0 * half } else { low.min(0.0) }) {
-        let (start_mm, reach_mm) = (outward(axis) * start, low + 2.0 * half - start);
+        let (start_mm, reach_mm) = (outward(axis) * start + 0.0, low + 2.0 * half - start);
         for lever in levers {
             let rams = [(false, false), (true, false), (true, true)]
                 .map(|(moment, beam)| Ram { axis, up, start_mm, reach_mm, lever, moment, beam }.into());
@@ -53,7 +55,7 @@ fn outward(axis: Axis) -> f64 {
 
 /// A range in that sense.
 fn outwards(axis: Axis, [low, high]: [f64; 2]) -> [f64; 2] {
-    if outward(axis) < 0.0 { [-high, -low] } else { [low, high] }
+    if outward(axis) < 0.0 { [0.0 - high, 0.0 - low] } else { [low, high] }
 }
 
 const fn z() -> Axis {

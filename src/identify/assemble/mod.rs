@@ -234,6 +234,7 @@ fn base(sources: &[Source], options: &Options) -> Result<ModelSpec, AssembleErro
     {
         base.machine.clone_from(&named.spec.machine);
     }
+    base.vertical = base.vertical.or_else(|| sources.iter().find_map(|s| s.spec.vertical));
     for axis in base.chain.clone().axes() {
         let stating = sources.iter().find(|s| states(&s.spec, axis.name));
         let mut entry = base.axis(axis.name);

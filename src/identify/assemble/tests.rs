@@ -49,11 +49,10 @@ fn wave(x: f64) -> f64 {
 #[test]
 fn files_about_different_errors_are_put_side_by_side() {
     let a = source("a", with(CHAIN, &[("exx", table(wave, 0.0, 400.0, 41), 2e-4)]));
-    let b = source(
-        "b",
-        with(CHAIN, &[("eyy", table(wave, 0.0, 400.0, 41), 2e-4), ("ec0y", Curve::Constant(2e-5), 1e-6)]),
-    );
+    let b = with(CHAIN, &[("eyy", table(wave, 0.0, 400.0, 41), 2e-4), ("ec0y", Curve::Constant(2e-5), 1e-6)]);
+    let b = source("b", ModelSpec { vertical: Some(AxisName::Y), ..b });
     let done = assemble(&[a, b], &Options::default()).unwrap();
+    assert_eq!(done.spec.vertical, Some(AxisName::Y), "said by the second alone");
     let named: Vec<String> = done.spec.errors.iter().map(|(s, _)| s.to_string()).collect();
     assert_eq!(named, ["EXX", "EYY", "EC0Y"]);
     assert!(done.errors.iter().all(|e| e.how == How::Only));

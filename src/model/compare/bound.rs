@@ -56,7 +56,14 @@ impl Box3 {
 /// Bounds of position, mm, and rotation, rad; `None` where more than errors and travels changed, or a datum is set.
 pub(super) fn bounds(pair: &Pair<'_>, volume: &Volume) -> Option<[f64; 2]> {
     let harmless = |c: &Change| {
-        matches!(c, Change::Machine(_) | Change::Travel { .. } | Change::Sense { .. } | Change::GaugePoint(_))
+        matches!(
+            c,
+            Change::Machine(_)
+                | Change::Travel { .. }
+                | Change::Sense { .. }
+                | Change::GaugePoint(_)
+                | Change::Vertical(_)
+        )
     };
     if !changes(pair.specs).iter().all(harmless) {
         return None;

@@ -41,6 +41,7 @@ pub enum Change {
     WorkpieceOrigin([Vec3; 2]),
     ToolTip([Vec3; 2]),
     GaugePoint([Option<Vec3>; 2]),
+    Vertical([Option<AxisName>; 2]),
     Tool([ToolErrors; 2]),
     Datum([Vec<(AxisName, f64)>; 2]),
     Travel { axis: AxisName, values: [Option<[f64; 2]>; 2] },
@@ -136,6 +137,7 @@ fn changes([a, b]: [&ModelSpec; 2]) -> Vec<Change> {
         changed(&a.workpiece_origin, &b.workpiece_origin).map(Change::WorkpieceOrigin),
         changed(&a.tool_tip, &b.tool_tip).map(Change::ToolTip),
         changed(&a.gauge_point, &b.gauge_point).map(Change::GaugePoint),
+        changed(&a.vertical, &b.vertical).map(Change::Vertical),
         changed(&a.tool, &b.tool).map(Change::Tool),
         changed(&a.datum, &b.datum).map(Change::Datum),
     ];

@@ -88,6 +88,16 @@ fn a_rigid_motion_of_the_workpiece_is_told_apart() {
 }
 
 #[test]
+fn another_vertical_axis_is_a_change_that_moves_nothing() {
+    let a = spec("[w X' b Y Z t]");
+    let b = ModelSpec { vertical: Some(AxisName::Y), ..a.clone() };
+    let found = quiet(&a, &b);
+    assert!(!found.is_same());
+    assert!(matches!(found.changes[..], [Change::Vertical([None, Some(AxisName::Y)])]), "{found:?}");
+    assert!(found.volume.unwrap().position.position.norm() == 0.0);
+}
+
+#[test]
 fn the_sense_of_an_axis_is_no_difference_of_what_it_says() {
     let mut a = spec("[w X' b Y Z t]");
     let mut b = a.clone();
