@@ -9,7 +9,7 @@ pub(crate) use crate::addition::Entry;
 pub(crate) use crate::data::{Data, Variants};
 pub(crate) use crate::drawing::{Branch, Drawing, Over, Weight};
 pub(crate) use crate::extend::{
-    Becomes, Extended, Part, Sampling, Term, displacements, rotation, shift, terms, turn,
+    Becomes, Extended, Part, Sampling, Term, bending, displacements, rotation, shift, terms, turn,
 };
 pub(crate) use crate::frame::RotaryFrame;
 pub(crate) use crate::lever::Lever;

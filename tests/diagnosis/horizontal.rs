@@ -4,17 +4,20 @@
 #![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
 
 use std::fmt::Write as _;
+use std::path::Path;
 use std::process::Command;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
+use serde_json::Value;
 
 const MODEL: &str = r#"
 format = "volcomp-model/1"
 machine = "borer"
 chain = "[w B' X' b Y Z t]"
 [frame]
+tool-tip-mm = [0, 0, -120]
 gauge-point-mm = [0, 0, 0]
 VERTICAL
 [axes.b]
@@ -67,35 +70,55 @@ fn session() -> String {
     text
 }
 
+/// What `volcomp` says in a folder.
+fn volcomp(folder: &Path, args: &[&str]) {
+    let out = Command::new(env!("CARGO_BIN_EXE_volcomp")).args(args).current_dir(folder).output().unwrap();
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+}
+
+/// The report of the session beside a model.
+fn diagnosed(folder: &Path, model: &str) -> Value {
+    std::fs::write(folder.join("d.csv"), session()).unwrap();
+    volcomp(folder, &["diagnose", "--model", model, "--data", "d.csv", "--out", "gap"]);
+    serde_json::from_str(&std::fs::read_to_string(folder.join("gap/report.json")).unwrap()).unwrap()
+}
+
 /// Names of the causes declared, and the notes, with this line in `[frame]`.
-fn diagnosed(vertical: &str) -> (Vec<String>, String) {
+fn said(vertical: &str) -> (Vec<String>, String) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("m.toml"), MODEL.replace("VERTICAL", vertical)).unwrap();
-    std::fs::write(folder.path().join("d.csv"), session()).unwrap();
-    let out = Command::new(env!("CARGO_BIN_EXE_volcomp"))
-        .args(["diagnose", "--model", "m.toml", "--data", "d.csv", "--out", "gap"])
-        .current_dir(folder.path())
-        .output()
-        .unwrap();
-    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-    let text = std::fs::read_to_string(folder.path().join("gap/report.json")).unwrap();
-    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let report = diagnosed(folder.path(), "m.toml");
     let causes = report["causes"].as_array().unwrap().iter().filter(|c| c["declared"] == true);
-    let label = |c: &serde_json::Value| {
-        format!("{}:{}", c["effect"].as_str().unwrap(), c["subject"].as_str().unwrap())
-    };
+    let label = |c: &Value| format!("{}:{}", c["effect"].as_str().unwrap(), c["subject"].as_str().unwrap());
     (causes.map(label).collect(), report["notes"].to_string())
 }
 
 #[test]
 fn the_drop_of_a_horizontal_ram_has_its_name() {
     const ASSUMED: &str = "y is taken for the axis that points up";
-    let (causes, notes) = diagnosed("");
+    let (causes, notes) = said("");
     assert_eq!(causes, ["sag:z"]);
     assert!(notes.contains(ASSUMED), "{notes}");
-    let (causes, notes) = diagnosed("vertical = \"y\"");
+    let (causes, notes) = said("vertical = \"y\"");
     assert!(causes == ["sag:z"] && !notes.contains(ASSUMED), "{causes:?} {notes}");
     // of an upright machine it is something else
-    let (causes, notes) = diagnosed("vertical = \"z\"");
+    let (causes, notes) = said("vertical = \"z\"");
     assert!(!causes.contains(&"sag:z".to_owned()) && !notes.contains(ASSUMED), "{causes:?} {notes}");
+}
+
+#[test]
+fn a_model_with_the_drop_of_a_ram_leaves_nothing_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("m.toml"), MODEL.replace("VERTICAL", "vertical = \"y\"")).unwrap();
+    let before = diagnosed(folder, "m.toml");
+    volcomp(
+        folder,
+        &["model", "extend", "--model", "m.toml", "--add", "gap/addition.toml", "--out", "n.toml"],
+    );
+    let after = diagnosed(folder, "n.toml");
+    let [was, is] = [&before, &after].map(|r| r["gap"]["rms_um"].as_f64().unwrap());
+    // the noise
+    assert!(was > 9.0 && is < 0.62, "{was} um, then {is} um");
+    assert_eq!(after["verdict"], "no-gap");
 }

@@ -150,6 +150,25 @@ pub(crate) fn rotation(
     Ok(parts.into())
 }
 
+/// What bends along an axis: its drop against the axis that points up (um by position) and the slope (um per mm) about the third axis,
+/// through a lever.
+pub(crate) fn bending(
+    model: &Extended,
+    entry: &Entry,
+    (over, up): (Axis, Axis),
+    lever: &Lever,
+    [drop_um, slope]: [&dyn Fn(f64) -> f64; 2],
+) -> Becomes {
+    let about = Axis::LINEAR[3 - over.direction() - up.direction()];
+    let arcsec = |q: f64| mm_from_um(slope(q)) / RAD_PER_ARCSEC;
+    let mut candidate = rotation(model, entry, over, (about, Some(lever)), Sampling::Even, &arcsec)?;
+    let at = places(model, entry, over, Sampling::Even)?;
+    let kept = |q: f64| seen(entry, over).map_or(q, |[low, high]| q.clamp(low, high));
+    let drops: Vec<f64> = at.iter().map(|q| mm_from_um(drop_um(kept(*q)))).collect();
+    candidate.parts.extend(table(shift(up, over), &at, drops.clone(), drops)?);
+    Ok(candidate)
+}
+
 fn positions([low, high]: [f64; 2], points: usize) -> Vec<f64> {
     let steps = (points - 1) as f64;
     (0..points).map(|i| low + (high - low) * i as f64 / steps).collect()

@@ -22,7 +22,7 @@ use volcomp_model::{
     Component, Curve, DynamicTerm, ErrorFunction, ErrorSymbol, Model, ModelError, ModelSpec, ToolErrors,
 };
 
-pub(crate) use curves::{Sampling, displacements, rotation};
+pub(crate) use curves::{Sampling, bending, displacements, rotation};
 pub(crate) use heat::{expansion, growth};
 pub(crate) use terms::{Term, acceleration_term, fastest, steepest, terms, tool};
 

@@ -41,7 +41,8 @@ pub(super) fn signed(
     // a datum takes a constant off, which says nothing about the effect
     let without_datum = ModelSpec { datum: Vec::new(), ..spec.clone() };
     let before = Model::new(&without_datum)?;
-    let places = places(spec, &before, entry, candidate.tool.is_some());
+    let is_of_tool = entry.shape.form().columns().iter().any(|column| column == "tool_length_mm");
+    let places = places(spec, &before, entry, candidate.tool.is_some() || is_of_tool);
     let parts = candidate.parts.len();
     for choice in 0..1_u32 << parts.min(PARTS_MAX) {
         let sign = |k: usize| if choice >> k & 1 == 0 { 1.0 } else { -1.0 };

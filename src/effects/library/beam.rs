@@ -82,6 +82,14 @@ pub struct Sag {
     pub lever: Option<Lever>,
 }
 
+impl Sag {
+    /// Drop and slope at a position, per unit of the parameters.
+    fn bent(&self, position_mm: f64) -> [f64; 2] {
+        let (s, length) = (outward(self.axis) * (position_mm - self.start_mm), self.length_mm);
+        [s * s * (3.0 * length - s), 6.0 * length * s - 3.0 * s * s].map(|v| v / (2.0 * length.powi(3)))
+    }
+}
+
 impl Form for Sag {
     fn parameters(&self) -> Vec<String> {
         plain(&["sag_um", "tip_slope_um"][..self.width()])
@@ -92,15 +100,12 @@ impl Form for Sag {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        let (sense, length) = (outward(self.axis), self.length_mm);
-        let s = sense * (m.position[self.axis.slot()] - self.start_mm);
-        let cube = 2.0 * length.powi(3);
+        let [drop, slope] = self.bent(m.position[self.axis.slot()]);
         let up = unit(self.up.direction());
-        out[0] = up * (-s * s * (3.0 * length - s) / cube);
+        out[0] = -up * drop;
         if self.tool {
             let arm = self.lever.map_or_else(|| unit(2) * -m.tool_length_mm, |l| l.at(m));
-            let slope = (6.0 * length * s - 3.0 * s * s) / cube;
-            out[1] = unit(self.axis.direction()).cross(&up).cross(&arm) * (sense * slope);
+            out[1] = unit(self.axis.direction()).cross(&up).cross(&arm) * (outward(self.axis) * slope);
         }
     }
 
@@ -114,10 +119,13 @@ impl Form for Sag {
     }
 
     fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
-        if self.tool {
-            return Err("it follows position and tool length together, for which the model has no term");
+        if !self.tool {
+            return displacements(model, entry, self.axis, Sampling::Even);
         }
-        displacements(model, entry, self.axis, Sampling::Even)
+        let lever = self.lever.unwrap_or(Lever { axes: [false; 3], home_mm: [0.0; 3], tool: true });
+        let drop = |q: f64| entry.value(0) * self.bent(q)[0];
+        let slope = |q: f64| entry.value(1) * self.bent(q)[1];
+        bending(model, entry, (self.axis, self.up), &lever, [&drop, &slope])
     }
 
     fn fixed(&self) -> Vec<(String, f64)> {
@@ -166,6 +174,20 @@ pub struct Ram {
     pub beam: bool,
 }
 
+impl Ram {
+    /// Drop and slope at a position, per unit of each parameter: a weight at the end bends it by s^3, its own by s^4, a moment by s^2.
+    fn bent(&self, position_mm: f64) -> [[f64; 2]; 3] {
+        // slopes of the end as multiples of the drop per length: 3/2, 4/3 and 2 where the ram moves out
+        let slopes = if self.beam { [3.0, 4.0, 2.0] } else { [1.5, 4.0 / 3.0, 2.0] };
+        let s = (outward(self.axis) * (position_mm - self.start_mm)).max(0.0) / self.reach_mm;
+        let at = |k: usize| {
+            let power = [3, 4, 2][k];
+            [s.powi(power), slopes[k] * s.powi(power - 1) / self.reach_mm]
+        };
+        core::array::from_fn(at)
+    }
+}
+
 impl Form for Ram {
     fn parameters(&self) -> Vec<String> {
         let names = ["sag_of_end_weight_um", "sag_of_own_weight_um", "sag_of_end_moment_um"];
@@ -177,16 +199,11 @@ impl Form for Ram {
     }
 
     fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
-        // slopes of the end as multiples of the drop per length: 3/2, 4/3 and 2 where the ram moves out
-        let slopes = if self.beam { [3.0, 4.0, 2.0] } else { [1.5, 4.0 / 3.0, 2.0] };
-        let (sense, reach) = (outward(self.axis), self.reach_mm);
-        let s = (sense * (m.position[self.axis.slot()] - self.start_mm)).max(0.0) / reach;
         let up = unit(self.up.direction());
         // turns what points out down
-        let arm = unit(self.axis.direction()).cross(&up).cross(&self.lever.at(m)) * sense;
-        // a weight at the end bends it by s^3, its own by s^4, a moment by s^2
-        for ((o, power), slope) in out.iter_mut().zip([3, 4, 2]).zip(slopes) {
-            *o = up * -s.powi(power) - arm * (slope * s.powi(power - 1) / reach);
+        let arm = unit(self.axis.direction()).cross(&up).cross(&self.lever.at(m)) * outward(self.axis);
+        for (o, [drop, slope]) in out.iter_mut().zip(self.bent(m.position[self.axis.slot()])) {
+            *o = -up * drop - arm * slope;
         }
     }
 
@@ -198,8 +215,11 @@ impl Form for Ram {
         Drawing::from(Over::Position(self.axis)).by(Branch::Tool)
     }
 
-    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
-        Err("its slope turns the tool about a point that moves out with it, for which the model has no term")
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let sum = |k: usize| {
+            move |q: f64| self.bent(q).iter().zip(&entry.values).map(|(bent, value)| bent[k] * value).sum()
+        };
+        bending(model, entry, (self.axis, self.up), &self.lever, [&sum(0), &sum(1)])
     }
 
     fn fixed(&self) -> Vec<(String, f64)> {

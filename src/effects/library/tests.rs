@@ -356,6 +356,36 @@ fn a_horizontal_ram_drops_as_it_comes_out_and_turns_its_tool_down() {
 }
 
 #[test]
+fn a_ram_that_drops_with_its_tool_becomes_a_displacement_and_an_angle() {
+    let mut spec = ModelSpec::new("m", Chain::parse("[w B' X' b Y Z t]").unwrap());
+    (spec.gauge_point, spec.tool_tip) = (Some(Vec3::zeros()), Vec3::new(0.0, 0.0, -120.0));
+    spec.axes = [Axis::X, Axis::Y, Axis::Z]
+        .map(|a| AxisSpec { travel: Some([0.0, 400.0]), ..AxisSpec::new(a.name()) })
+        .to_vec();
+    let effect = EFFECTS.iter().find(|e| e.name == "sag").unwrap();
+    let nose = Lever { axes: [false; 3], home_mm: [0.0; 3], tool: true };
+    let (axis, up) = (Axis::Z, Axis::Y);
+    let sag = forms::Sag { axis, up, start_mm: 400.0, length_mm: 700.0, tool: true, lever: None };
+    let ram =
+        forms::Ram { axis, up, start_mm: 700.0, reach_mm: 700.0, lever: nose, moment: false, beam: false };
+    for (shape, values) in [(Shape::Sag(sag), vec![60.0, -40.0]), (Shape::Ram(ram), vec![50.0, 12.0])] {
+        let valid = ["x_mm", "y_mm", "z_mm"].map(|c| (c.to_owned(), [0.0, 400.0])).into();
+        let entry = Entry { values, valid, ..entry(effect, "z", shape) };
+        let addition = Addition {
+            format: FORMAT.to_owned(),
+            machine: "m".to_owned(),
+            sense: String::new(),
+            base: None,
+            effects: vec![entry],
+        };
+        let extended = extend(&spec, &[], &addition).unwrap();
+        let mut symbols = extended.fates[0].1.symbols();
+        symbols.sort();
+        assert_eq!(symbols, ["EAZ", "EYZ"], "{:?}", extended.fates);
+    }
+}
+
+#[test]
 fn gravity_pulls_against_z_unless_the_model_says_or_its_table_shows_otherwise() {
     let of = |chain: &str, travel: f64, vertical| {
         let mut spec = ModelSpec::new("m", Chain::parse(chain).unwrap());
