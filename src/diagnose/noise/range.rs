@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use super::super::constants::{FEW, HALF, REPEATS, SIGNIFICANT};
+use super::super::constants::{FEW, HALF, SIGNIFICANT};
 use super::super::library::line_of_sight;
 use super::super::moment::Moment;
 use super::super::session::Session;
-use super::moves;
+use super::{by_pair, moves};
 
 /// Noise that grows with the distance.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +22,8 @@ pub struct RangeNoise {
 /// Powers of the range that are tried, in steps of a tenth.
 const TENTHS: core::ops::RangeInclusive<u8> = 2..=40;
 
+/// Readings before that one is compared with: [`OVERLAP`] is of three.
+const BEFORE: usize = 3;
 /// How much more the sum of squares of differences from the mean of three readings before varies than that of independent normal
 /// readings, as their squares correlate (Hall, Kay, Titterington 1990), and by how much more for each unit of dispersion beyond 1.
 const OVERLAP: [f64; 2] = [43.0 / 36.0, 12.0 / 7.0];
@@ -31,7 +33,7 @@ const OVERLAP: [f64; 2] = [43.0 / 36.0, 12.0 / 7.0];
 pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
     (0..session.instruments.len())
         .filter_map(|class| {
-            let of = |m: &Moment| if m.range_mm > 0.0 { m.range_mm } else { f64::NAN };
+            let of = |m: &Moment| (m.range_mm > 0.0).then_some(m.range_mm);
             let (exponent, evidence) = by_range(&apart(session, residuals, class, of)?)?;
             Some(RangeNoise { instrument: class, exponent, evidence })
         })
@@ -43,12 +45,7 @@ fn by_range(rows: &[Apart]) -> Option<(f64, f64)> {
     let scatter = Scatter::of(rows)?;
     let middle = rows.iter().map(|r| r.of.ln()).sum::<f64>() / rows.len() as f64;
     let shape = |exponent: f64| move |k: usize| (2.0 * exponent * (rows[k].of.ln() - middle)).exp();
-    let (exponent, best) = TENTHS
-        .map(|tenths| 0.1 * f64::from(tenths))
-        .map(|exponent| (exponent, scatter.likelihood(&shape(exponent))))
-        .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let evidence = scatter.evidence(best, &shape(exponent))?;
-    Some((exponent, evidence))
+    scatter.likeliest(TENTHS.map(|tenths| 0.1 * f64::from(tenths)), shape)
 }
 
 /// Run, repeat and the direction in which it looks.
@@ -76,26 +73,26 @@ struct Apart {
     independent: f64,
 }
 
-/// Readings of one class at rest whose residuals are known, beside those before; `of` is asked of each, NaN leaves a reading out.
+/// Readings of one class at rest whose residuals are known, beside those before; `of` is asked of each, `None` leaves a reading out.
 /// What shakes a moving axis is no noise of the instrument. None where they are too few.
 fn apart(
     session: &Session,
     residuals: &[f64],
     class: usize,
-    of: impl Fn(&Moment) -> f64,
+    of: impl Fn(&Moment) -> Option<f64>,
 ) -> Option<Vec<Apart>> {
-    let known = || (0..residuals.len()).filter(|i| residuals[*i].is_finite());
-    let mut repeats: BTreeMap<usize, f64> = BTreeMap::new();
-    known().filter_map(|i| session.readings[i].pair).for_each(|p| *repeats.entry(p).or_default() += 1.0);
-    let readings = known().filter(|i| session.readings[*i].instrument == class).filter_map(|i| {
+    let known: Vec<bool> = residuals.iter().map(|r| r.is_finite()).collect();
+    let pairs = by_pair(session, &known);
+    let of_class = |i: &usize| known[*i] && session.readings[*i].instrument == class;
+    let readings = (0..residuals.len()).filter(of_class).filter_map(|i| {
         let (r, m) = (&session.readings[i], &session.moments[i]);
         let single = Single {
             pass: (r.run, r.repeat, m.u.iamax()),
             residual: residuals[i],
-            of: of(m),
-            independent: 1.0 - 1.0 / repeats.get(&r.pair?)?,
+            of: of(m)?,
+            independent: 1.0 - 1.0 / pairs[r.pair?].len() as f64,
         };
-        (!single.of.is_nan() && !moves(m)).then_some(single)
+        (!moves(m)).then_some(single)
     });
     let all = beside_before(readings);
     (all.len() >= 5 * FEW).then_some(all)
@@ -114,7 +111,7 @@ fn beside_before(readings: impl Iterator<Item = Single>) -> Vec<Apart> {
             all.push(Apart { square, of: (of + other / n) / (1.0 + 1.0 / n), axis: pass.2, independent });
         }
         before.push_back([residual, of]);
-        if before.len() > REPEATS {
+        if before.len() > BEFORE {
             before.pop_front();
         }
     }
@@ -140,7 +137,7 @@ const ELSEWHERE: f64 = 0.8;
 pub fn angle_noise(session: &Session, residuals: &[f64]) -> Option<AngleNoise> {
     (0..session.instruments.len())
         .filter_map(|class| {
-            let rows = apart(session, residuals, class, |m| across_m2(m).unwrap_or(f64::NAN))?;
+            let rows = apart(session, residuals, class, across_m2)?;
             let (um_per_m, evidence) = is_elsewhere(&rows).then(|| by_angle(&rows))??;
             Some(AngleNoise { instrument: class, um_per_m, evidence })
         })
@@ -173,11 +170,7 @@ fn by_angle(rows: &[Apart]) -> Option<(f64, f64)> {
     }
     // variance = size times (1 - share + share q / mean of q)
     let shape = |share: f64| move |k: usize| 1.0 - share + share * rows[k].of / far;
-    let (share, best) = (1..=50)
-        .map(|k| f64::from(k) / 50.0 * 0.999)
-        .map(|share| (share, scatter.likelihood(&shape(share))))
-        .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let evidence = scatter.evidence(best, &shape(share))?;
+    let (share, evidence) = scatter.likeliest((1..=50).map(|k| f64::from(k) / 50.0 * 0.999), shape)?;
     (share >= HALF).then(|| ((scatter.mean * share / far).sqrt(), evidence))
 }
 
@@ -196,6 +189,17 @@ impl<'a> Scatter<'a> {
         let most = SIGNIFICANT * SIGNIFICANT * mean;
         let squares = rows.iter().map(|r| r.square.min(most)).collect();
         (mean > 0.0).then_some(Self { squares, rows, mean })
+    }
+
+    /// The value whose shape is the likeliest, and its evidence.
+    fn likeliest<S: Fn(usize) -> f64>(
+        &self,
+        values: impl Iterator<Item = f64>,
+        shape: impl Fn(f64) -> S,
+    ) -> Option<(f64, f64)> {
+        let (value, best) =
+            values.map(|value| (value, self.likelihood(&shape(value)))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some((value, self.evidence(best, &shape(value))?))
     }
 
     /// Mean square where the variance has a shape.

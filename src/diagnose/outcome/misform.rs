@@ -63,11 +63,11 @@ fn quantities(session: &Session, but: Option<Axis>) -> Vec<Quantity<'_>> {
 
 /// Products of a contribution with polynomials of each quantity, [`DEGREE`] columns each.
 fn products(session: &Session, a: &Analysis, part: &[f64], but: Option<Axis>) -> Vec<Vec<f64>> {
-    let of = |of: Quantity<'_>| {
-        let values: Vec<f64> = a.filter.order().iter().map(|i| of(&session.moments[*i])).collect();
+    let by = |quantity: Quantity<'_>| {
+        let values: Vec<f64> = a.filter.order().iter().map(|i| quantity(&session.moments[*i])).collect();
         times_polynomials(part, &values)
     };
-    quantities(session, but).into_iter().flat_map(of).collect()
+    quantities(session, but).into_iter().flat_map(by).collect()
 }
 
 /// Products of a contribution with polynomials of a quantity: orthogonal to it and to each other, as large as those with Legendre

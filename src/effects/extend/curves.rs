@@ -123,6 +123,12 @@ fn displacement_um(entry: &Entry, over: Axis, q: f64, direction: f64) -> Vec3 {
     out.iter().zip(&entry.values).map(|(d, v)| d * *v).sum()
 }
 
+/// A curve at some places, held where the data end.
+fn held(entry: &Entry, over: Axis, at: &[f64], curve: &dyn Fn(f64) -> f64) -> impl Iterator<Item = f64> {
+    let range = seen(entry, over);
+    at.iter().map(move |q| curve(range.map_or(*q, |[low, high]| q.clamp(low, high))))
+}
+
 /// An angle over one axis (arcsec by position) about some point as tables: of the rotation, and of the displacements that it makes at
 /// the reference points of the model.
 pub(crate) fn rotation(
@@ -134,8 +140,7 @@ pub(crate) fn rotation(
     angle_arcsec: &dyn Fn(f64) -> f64,
 ) -> Becomes {
     let at = places(model, entry, over, sampling)?;
-    let kept = |q: f64| seen(entry, over).map_or(q, |[low, high]| q.clamp(low, high));
-    let angles: Vec<f64> = at.iter().map(|q| angle_arcsec(kept(*q)) * RAD_PER_ARCSEC).collect();
+    let angles: Vec<f64> = held(entry, over, &at, angle_arcsec).map(|v| v * RAD_PER_ARCSEC).collect();
     let mut parts = vec![table(turn(about, over), &at, angles.clone(), angles.clone())?.ok_or(ZERO)?];
     let across = Axis::LINEAR.into_iter().filter(|a| *a != about);
     for (along, lever) in across.filter_map(|a| Some((a, lever?))) {
@@ -163,8 +168,7 @@ pub(crate) fn bending(
     let arcsec = |q: f64| mm_from_um(slope(q)) / RAD_PER_ARCSEC;
     let mut candidate = rotation(model, entry, over, (about, Some(lever)), Sampling::Even, &arcsec)?;
     let at = places(model, entry, over, Sampling::Even)?;
-    let kept = |q: f64| seen(entry, over).map_or(q, |[low, high]| q.clamp(low, high));
-    let drops: Vec<f64> = at.iter().map(|q| mm_from_um(drop_um(kept(*q)))).collect();
+    let drops: Vec<f64> = held(entry, over, &at, drop_um).map(mm_from_um).collect();
     candidate.parts.extend(table(shift(up, over), &at, drops.clone(), drops)?);
     Ok(candidate)
 }

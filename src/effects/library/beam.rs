@@ -30,7 +30,7 @@ pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
     let turns_tool = data.tools && across != Axis::Z || under.is_some();
     for length_mm in LENGTHS.map(|f| 2.0 * half * f) {
         for tool in [false, true].into_iter().filter(|t| !t || turns_tool) {
-            let (start_mm, lever) = (outward(axis) * low + 0.0, under.filter(|_| tool));
+            let (start_mm, lever) = (placed(axis, low), under.filter(|_| tool));
             shapes.push(Sag { axis, up, start_mm, length_mm, tool, lever }.into());
         }
     }
@@ -38,7 +38,7 @@ pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
     let levers = [data.arm(axis, across), Lever { home_mm: data.below_nose().into(), ..own }];
     // drawn in as far as it goes, a ram may hang over already
     for start in OVERHANGS.map(|o| if o > 0.0 { low - o * 2.0 * half } else { low.min(0.0) }) {
-        let (start_mm, reach_mm) = (outward(axis) * start + 0.0, low + 2.0 * half - start);
+        let (start_mm, reach_mm) = (placed(axis, start), low + 2.0 * half - start);
         for lever in levers {
             let rams = [(false, false), (true, false), (true, true)]
                 .map(|(moment, beam)| Ram { axis, up, start_mm, reach_mm, lever, moment, beam }.into());
@@ -53,9 +53,15 @@ fn outward(axis: Axis) -> f64 {
     if axis == Axis::Z { -1.0 } else { 1.0 }
 }
 
+/// A place in that sense as a position, or the reverse; no zero of it is negative.
+fn placed(axis: Axis, at_mm: f64) -> f64 {
+    outward(axis) * at_mm + 0.0
+}
+
 /// A range in that sense.
-fn outwards(axis: Axis, [low, high]: [f64; 2]) -> [f64; 2] {
-    if outward(axis) < 0.0 { [0.0 - high, 0.0 - low] } else { [low, high] }
+fn outwards(axis: Axis, range: [f64; 2]) -> [f64; 2] {
+    let [a, b] = range.map(|at_mm| placed(axis, at_mm));
+    [a.min(b), a.max(b)]
 }
 
 const fn z() -> Axis {
