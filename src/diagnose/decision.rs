@@ -4,8 +4,8 @@
 //! The log odds of an effect are linear in the logarithm of its evidence, in its deviation (random effects between programs,
 //! places and runs, and its misform), in the mean deviation of all effects chosen in the session and in how far it takes back
 //! what the others say; times its share among the effects that explain nearly as much. Where most of what was chosen deviates,
-//! something is at work that the library lacks, and each of the chosen is a part of it. The coefficients were fitted to blind
-//! cases of two generators and judged on a third one (docs/development/ablation.md).
+//! something is at work that the library lacks, and each of the chosen is a part of it. The coefficients come from claims
+//! in campaigns of three generators (docs/development/ablation.md).
 
 use super::constants::{
     ALIASED, CALIBRATION, DECLARED, DEVIATION_EXPECTED, LEAST_PROBABILITY, LITTLE, NAMED,
