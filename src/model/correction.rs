@@ -12,6 +12,15 @@ use crate::prelude::*;
 /// correction of that axis falls, continuously, to zero at three times the limit, and the axis is left alone beyond.
 pub const ROTARY_CORRECTION_LIMIT: f64 = 1e-3;
 
+/// Determinant of the products of the directions of the linear axes below which two of them count as nearly parallel: 10 deg apart,
+/// where a rotary axis stands between them. Their corrections are then damped, so that none is larger than some twelve times the
+/// deviation; what they leave is residual.
+const NEARLY_PARALLEL: f64 = 0.03;
+/// Damping where they are parallel.
+const PARALLEL_DAMPING: f64 = 0.0025;
+/// Cosine from which an axis shares the direction of another.
+const SHARED: f64 = 0.4;
+
 /// Corrections to add to the programmed coordinates, one per axis in chain order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisCorrection {
@@ -21,7 +30,8 @@ pub struct AxisCorrection {
     pub residual: Vec3,
     /// Tilt of the tool direction that stays, to first order, rad, in W.
     pub residual_tilt: Vec3,
-    /// Bit k: rotary axis k was corrected by less than it needs, or left alone, because the pose is close to a pole.
+    /// Bit k: axis k was corrected by less than it needs, or left alone, because the pose is close to a pole; a linear axis, because
+    /// another one moves in nearly the same direction.
     pub singular: u16,
 }
 
@@ -163,6 +173,15 @@ impl Model {
                 normal[(slot, slot)] = 1.0;
             }
         }
+        // 1 where the axes are square to each other, 0 where two are parallel
+        let missing = (1.0 - normal.determinant() / NEARLY_PARALLEL).max(0.0);
+        if missing > 0.0 {
+            for (slot, index) in indices.iter().enumerate() {
+                let is_near = (0..3).any(|other| other != slot && normal[(slot, other)].abs() > SHARED);
+                out.singular |= index.filter(|_| is_near).map_or(0, |k| 1 << k);
+            }
+            normal += Mat3::identity() * (PARALLEL_DAMPING * missing * missing);
+        }
         let Some(inverse) = normal.try_inverse() else { return };
         let solution = inverse * (effects.transpose() * -out.residual);
         for (slot, index) in indices.iter().enumerate() {
@@ -235,5 +254,39 @@ mod tests {
         }
         assert_eq!(reached, [true; 2]);
         assert!(largest > 0.9 * ROTARY_CORRECTION_LIMIT && largest <= ROTARY_CORRECTION_LIMIT, "{largest}");
+    }
+
+    #[test]
+    fn linear_axes_that_become_parallel_are_corrected_by_little() {
+        let mut spec = ModelSpec::new("turned", Chain::parse("[w X' C' b Y Z t]").unwrap());
+        spec.axes.push(AxisSpec::new(AxisName::C));
+        for symbol in ["exx", "eyx", "exy", "ezz"] {
+            spec.errors
+                .push((ErrorSymbol::parse(symbol).unwrap(), ErrorFunction::single(Curve::Constant(5e-3))));
+        }
+        let model = Model::new(&spec).unwrap();
+        let mut last: Option<AxisArray> = None;
+        for k in 0..=20_000 {
+            let angle = (70.0 + 2e-3 * f64::from(k)).to_radians();
+            let mut position = [0.0; MAX_AXES];
+            position[1] = angle;
+            let (deviation, correction) = model.correct(&Pose::at(position));
+            let largest = correction.offset.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+            assert!(largest < 13.0 * deviation.position.norm(), "{largest} mm at {angle} rad");
+            if let Some(last) = last {
+                let steps = correction.offset.iter().zip(last).map(|(a, b)| (a - b).abs());
+                assert!(steps.fold(0.0, f64::max) < 2e-4, "a step at {angle} rad");
+            }
+            // 10 deg from parallel
+            let is_near = (angle.to_degrees() - 90.0).abs() < 9.9;
+            assert_eq!(
+                correction.singular,
+                if is_near { 0b101 } else { correction.singular & 0b101 },
+                "{angle}"
+            );
+            let is_far = (angle.to_degrees() - 90.0).abs() > 10.1;
+            assert!(!is_far || (correction.singular == 0 && correction.residual.norm() < 1e-12));
+            last = Some(correction.offset);
+        }
     }
 }
