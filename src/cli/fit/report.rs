@@ -102,15 +102,13 @@ fn uncertainty(f: &Fitted, units: &Units, json: &mut Value) {
     let Some(band) = &f.fit.band else { return };
     let (unit, position) = (units.value, units.position);
     let mut std = band.parameter_std();
-    let periods = f.fit.periods.len();
-    let given = f.fit.periods.iter().position(|p| f.fit.period_fitted && Some(*p) == f.fit.period);
-    let fitted = given.map_or(0, |first| periods - first);
-    if fitted > 0 && std.len() >= fitted {
-        let of_periods = std.split_off(std.len() - fitted);
+    let of_reversal = f.fit.reversal.as_ref().map_or(0, |r| r.coefficients.len());
+    let of_periods = std.split_off((f.fit.coefficients.len() + of_reversal).min(std.len()));
+    if !of_periods.is_empty() {
         json[format!("periods_fitted_std_{position}")] = json!(units.positions(&of_periods));
     }
-    if let Some(reversal) = &f.fit.reversal {
-        let of_reversal = std.split_off(std.len() - reversal.coefficients.len());
+    if of_reversal > 0 {
+        let of_reversal = std.split_off(std.len() - of_reversal);
         json[format!("reversal_half_coefficients_std_{unit}")] = json!(units.values(&of_reversal));
     }
     json[format!("coefficients_std_{unit}")] = json!(units.values(&std));

@@ -2,6 +2,7 @@
 //! stands in a file of its own or, by its id, in a file of cases.
 
 use serde::de::DeserializeOwned;
+use volcomp_formats::text::NUMBER_LIMIT;
 
 use crate::identify::prelude::*;
 
@@ -74,6 +75,11 @@ impl<'a> CaseFile<'a> {
         let text = input::read_text(self.path, InputKind::Case)?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut file: Value = serde_json::from_str(text).map_err(|e| self.at(&e))?;
+        if let Some(value) = beyond(&file) {
+            return Err(
+                self.bad(format_args!("{value} is beyond {NUMBER_LIMIT:e}; no length, angle or reading is"))
+            );
+        }
         let Some(Value::Array(cases)) = file.get_mut("cases").map(Value::take) else {
             return match self.id {
                 Some(id) if file["id"] != id => Err(self.missing(core::slice::from_ref(&file))),
@@ -83,6 +89,11 @@ impl<'a> CaseFile<'a> {
         };
         let Some(id) = self.id else {
             let (path, count, ids) = (self.path.display(), cases.len(), ids(&cases));
+            if cases.iter().all(|c| c["id"].is_null()) {
+                return Err(self.bad(format_args!(
+                    "holds {count} cases and none has an id; give each an id for --case, or a file of its own"
+                )));
+            }
             return Err(usage!("{path}: holds {count} cases; choose one with --case: {ids}"));
         };
         match cases.iter().position(|c| c["id"] == id) {
@@ -101,7 +112,20 @@ impl<'a> CaseFile<'a> {
         // the place stands in front already
         let text = text.rsplit_once(" at line ").map_or(text.as_str(), |(text, _)| text);
         let (path, line, column) = (self.path.display(), what.line(), what.column());
-        failure!(EX_DATAERR, "{path}:{line}:{column}: {text}")
+        failure!(
+            EX_DATAERR,
+            "{path}:{line}:{column}: {text}; a case is one JSON object with finite numbers in mm and rad, its keys stand in --help"
+        )
+    }
+}
+
+/// A number in a case that is beyond what text files may hold.
+fn beyond(value: &Value) -> Option<f64> {
+    match value {
+        Value::Number(number) => number.as_f64().filter(|v| v.abs() > NUMBER_LIMIT),
+        Value::Array(values) => values.iter().find_map(beyond),
+        Value::Object(keys) => keys.values().find_map(beyond),
+        _ => None,
     }
 }
 

@@ -57,6 +57,9 @@ const CONDITION_NOTE: f64 = 1e4;
 /// Share of the RMS residual above which a reversal that is left out is reported.
 const REVERSAL_NOTE: f64 = 0.5;
 
+/// Shortest range, as a share of the stretch over which the readings lie: of a shorter one the waves are no numbers.
+const RANGE_MIN: f64 = 1e-9;
+
 /// Fits a curve to the readings of one error motion.
 ///
 /// # Errors
@@ -73,8 +76,10 @@ pub fn fit(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError
     if let Some(bad) = request.penalties.iter().flatten().find(|p| !(p.is_finite() && **p >= 0.0)) {
         return Err(FitError::BadRidge { value: *bad });
     }
+    let positions = readings.iter().map(|r| r.position).filter(|p| p.is_finite());
+    let (first, last) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
     if let Some([low, high]) = request.range
-        && !(low.is_finite() && high.is_finite() && low < high)
+        && !(low.is_finite() && high.is_finite() && low < high && high - low > RANGE_MIN * (last - first))
     {
         return Err(FitError::EmptyRange { low, high });
     }

@@ -407,15 +407,16 @@ fn finish(
         curves.push(reversal_table(shape.range, turned)?);
     }
     let band = figures.rmse_dof.map(|sigma| {
-        let (r, shared) = match fitted {
-            Some(first) => {
-                let design = Design { slopes: Some((own, first)), ..design };
-                let factor = Factor::new(data, &design, &[]);
-                let shared = factor.shared(data, &design);
-                (factor.r, shared)
-            }
-            None => (factor.r.clone(), factor.shared(data, &design)),
-        };
+        let with_periods = fitted.and_then(|first| {
+            let design = Design { slopes: Some((own, first)), ..design };
+            let factor = Factor::new(data, &design, &[]);
+            // a wave without amplitude has any period
+            let is_known = |(at, period): (usize, &f64)| sigma < factor.r[(at, at)].abs() * period;
+            let known = factor.r.nrows() == design.len() && (k..).zip(&shape.periods[first..]).all(is_known);
+            known.then(|| (factor.shared(data, &design), factor.r, Some(first)))
+        });
+        let (shared, r, fitted) =
+            with_periods.unwrap_or_else(|| (factor.shared(data, &design), factor.r.clone(), None));
         Band::linear(sigma, figures.dof(data), r, (shape, reversal), own, fitted).with_shared(shared)
     });
     Ok(CurveFit {

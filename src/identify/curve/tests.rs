@@ -188,6 +188,10 @@ fn what_cannot_be_fitted_is_refused() {
     let reversed =
         Request { order: Some(1), period: Period::Within([50.0, 20.0]), ..with_basis(Basis::Fourier) };
     assert!(matches!(fit(&few, &reversed).unwrap_err(), FitError::PeriodSearchEmpty { .. }));
+    for travel in [0.0, 1e-300, 1e-160, 1e-20, f64::NAN] {
+        let request = Request { order: Some(1), range: Some([0.0, travel]), ..with_basis(Basis::Fourier) };
+        assert!(matches!(fit(&few, &request).unwrap_err(), FitError::EmptyRange { .. }), "{travel}");
+    }
     let negative = Request { order: Some(1), period: Period::Given(-5.0), ..with_basis(Basis::Fourier) };
     assert_eq!(fit(&few, &negative).unwrap_err(), FitError::PeriodNotPositive { value: -5.0 });
     assert_eq!(
@@ -213,6 +217,18 @@ fn a_fitted_period_stays_where_it_was_searched() {
         let request = Request { order: Some(1), period: Period::Within(range), ..with_basis(Basis::Fourier) };
         let period = fit(&all, &request).unwrap().period.unwrap();
         assert!((range[0]..=range[1]).contains(&period), "{period} in {range:?}");
+    }
+}
+
+#[test]
+fn a_wave_without_amplitude_has_a_finite_uncertainty() {
+    // a column of zeros beside others is common in tables of error motions
+    for size in [0.0, 1e-12, 1e-9] {
+        let all = readings(&grid(21, 20.0), |i, _| size * noise(i));
+        let request = Request { order: Some(1), period: Period::Auto, ..with_basis(Basis::Fourier) };
+        let found = fit(&all, &request).unwrap();
+        let std = found.standard_uncertainty().unwrap();
+        assert!(std.is_finite() && std <= 10.0 * size, "{size}: {std}");
     }
 }
 

@@ -57,11 +57,12 @@ impl SpaceCircle {
         self
     }
 
-    /// True where the points go all around evenly: no gap is three times the mean one.
+    /// True where the points go all around evenly: no gap is three times the mean one; of three or four, none is half as wide again.
     #[must_use]
     pub fn is_full(&self) -> bool {
         let turn = core::f64::consts::TAU;
-        self.points >= 5 && turn - self.arc < 3.0 * turn / self.points as f64
+        let widest = if self.points < 5 { 1.5 } else { 3.0 };
+        turn - self.arc < widest * turn / self.points as f64
     }
 }
 
