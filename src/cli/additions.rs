@@ -73,12 +73,20 @@ impl Additions {
     pub(super) fn next(&mut self, table: &Table, model: &Model) -> Result<Vec3> {
         let mut m = MachineState::default();
         for (column, field) in &self.fields {
-            field(&mut m, table.number(*column)?);
+            // an empty field is not known (docs/reference/session-files.md 1)
+            if let Some(value) = table.number_if_known(*column)? {
+                field(&mut m, value);
+            }
         }
         m.head = self.machine.head(&m.position);
         let source = |(column, factor): &(usize, f64)| Ok(table.number(*column)? * factor);
         let sources = self.sources.iter().map(source).collect::<Result<Vec<_>>>()?;
         let machine = self.evaluator.next(&mut m, &sources);
+        if machine.iter().any(|v| !v.is_finite())
+            && let Some(lack) = self.evaluator.lacks(&m)
+        {
+            return Err(table.fail_row(lack));
+        }
         Ok(workpiece_to_machine(model, &m).transpose() * machine.map(mm_from_um))
     }
 }

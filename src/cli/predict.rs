@@ -154,16 +154,22 @@ impl Columns {
         }
     }
 
-    /// Refuses tool lengths that neither the model nor an addition can use.
+    /// Refuses tool lengths that neither the model nor an addition can use; of the readings of a session they are noted, as
+    /// `volcomp diagnose` does.
     fn check_length(&self, table: &Table, model: &Model, additions: Option<&Additions>) -> Result<()> {
         let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(|a| a.takes_length);
-        match self.tool_length {
-            Some(length) if !used => Err(table.fail(
-                length,
+        let Some(column) = self.tool_length.filter(|_| !used) else { return Ok(()) };
+        if table.find("deviation_um").is_none() {
+            return Err(table.fail(
+                column,
                 "the model has no gauge point; add gauge-point-mm to its [frame] or remove the column",
-            )),
-            _ => Ok(()),
+            ));
         }
+        note!(
+            "note: {}: tool_length_mm: the model has no gauge point; without gauge-point-mm in its [frame] the lengths are not used",
+            table.file()
+        );
+        Ok(())
     }
 
     /// Uses a column; false where it means nothing here.
@@ -203,8 +209,15 @@ impl Columns {
     /// The signals of the dynamic terms at a row; of what has no column, those of an axis at rest after long travel.
     fn signals(&self, table: &Table, model: &Model, pose: &Pose) -> Result<[f64; DYNAMIC_MAX]> {
         let mut motions = pose.travel.map(AxisMotion::after);
+        for (column, k) in &self.directions {
+            if table.travel_if_known(*column)?.is_none() {
+                motions[*k].direction = 0.0;
+            }
+        }
         for (column, k, set, unit) in &self.motion {
-            set(&mut motions[*k], table.number(*column)? * unit);
+            if let Some(value) = table.number_if_known(*column)? {
+                set(&mut motions[*k], value * unit);
+            }
         }
         let mut out = [0.0; DYNAMIC_MAX];
         for (signal, d) in out.iter_mut().zip(model.dynamics()) {
@@ -286,16 +299,18 @@ impl Columns {
             pose.position[k] = table.number(column)? * unit;
         }
         for &(column, k) in &self.directions {
-            pose.travel[k] = table.travel(column)?;
+            pose.travel[k] = table.travel_if_known(column)?.unwrap_or(Travel::Forward);
         }
         if !self.tool.is_empty() {
             let mut tip: Vec3 = model.tool_tip();
             for &(column, component) in &self.tool {
-                tip[component] = table.number(column)?;
+                if let Some(value) = table.number_if_known(column)? {
+                    tip[component] = value;
+                }
             }
             pose.tool_tip = Some(tip);
         } else if let Some(column) = self.tool_length {
-            pose.tool_tip = model.tool_tip_for_length(table.number(column)?);
+            pose.tool_tip = table.number_if_known(column)?.and_then(|mm| model.tool_tip_for_length(mm));
         }
         if !self.motion.is_empty() {
             pose.dynamic = Some(self.signals(table, model, &pose)?);

@@ -144,7 +144,7 @@ impl Table {
             let hint = of_other_unit()
                 .or_else(|| near().map(|near| format!("is column {near} meant? rename it")))
                 .unwrap_or_else(|| format!("found {}", self.columns.join(", ")));
-            self.bad(format_args!("column {name} is missing; {hint}"))
+            self.fail_row(format_args!("column {name} is missing; {hint}"))
         })
     }
 
@@ -166,16 +166,18 @@ impl Table {
             self.progress.update(self.bytes);
         }
         let Some(left) = self.rows_left.checked_sub(1) else {
-            return Err(
-                self.bad(format_args!("more than {ROWS_MAX} rows; split the table, or keep every n-th row"))
-            );
+            return Err(self.fail_row(format_args!(
+                "more than {ROWS_MAX} rows; split the table, or keep every n-th row"
+            )));
         };
         self.rows_left = left;
         self.split();
         let (found, expected) = (self.fields.len(), self.columns.len());
         if found != expected {
             let hint = if found > expected { "is there a decimal comma?" } else { "is the line cut?" };
-            return Err(self.bad(format_args!("{found} fields, the header has {expected} columns; {hint}")));
+            return Err(
+                self.fail_row(format_args!("{found} fields, the header has {expected} columns; {hint}"))
+            );
         }
         Ok(true)
     }
@@ -203,10 +205,15 @@ impl Table {
         parsed.ok_or_else(|| self.bad_number(column))
     }
 
+    /// A finite number; none where the field is empty.
+    pub(super) fn number_if_known(&self, column: usize) -> Result<Option<f64>> {
+        if self.field(column).is_empty() { Ok(None) } else { self.number(column).map(Some) }
+    }
+
     /// A finite number, or NaN where the field is empty.
     #[cfg(feature = "diagnosis")]
     pub(super) fn number_or_empty(&self, column: usize) -> Result<f64> {
-        if self.field(column).is_empty() { Ok(f64::NAN) } else { self.number(column) }
+        Ok(self.number_if_known(column)?.unwrap_or(f64::NAN))
     }
 
     /// A whole number from 0 up.
@@ -235,6 +242,15 @@ impl Table {
         }
     }
 
+    /// A direction of travel; none where the field is empty, or 0: before the axis has moved.
+    #[inline]
+    pub(super) fn travel_if_known(&self, column: usize) -> Result<Option<Travel>> {
+        if self.field(column).is_empty() || matches!(self.number(column), Ok(0.0)) {
+            return Ok(None);
+        }
+        self.travel(column).map(Some)
+    }
+
     /// A word.
     pub(super) fn word(&self, column: impl Into<usize>) -> String {
         String::from_utf8_lossy(self.field(column.into())).into_owned()
@@ -242,7 +258,7 @@ impl Table {
 
     /// An error about the current line.
     #[cold]
-    fn bad(&self, what: impl core::fmt::Display) -> Failure {
+    pub(super) fn fail_row(&self, what: impl core::fmt::Display) -> Failure {
         failure!(EX_DATAERR, "{}:{}: {what}", self.file, self.line)
     }
 
@@ -250,12 +266,12 @@ impl Table {
     #[cold]
     pub(super) fn fail(&self, column: impl Into<usize>, what: impl core::fmt::Display) -> Failure {
         let column = column.into();
-        let at = match self.fields.get(column) {
-            Some(range) if !self.has_quotes => {
-                String::from_utf8_lossy(&self.text[..range.start]).chars().count() + 1
-            }
-            _ => 1,
+        let start = match self.fields.get(column) {
+            Some(_) if self.has_quotes => self.quoted_start(column),
+            Some(range) => range.start,
+            None => 0,
         };
+        let at = String::from_utf8_lossy(&self.text[..start]).chars().count() + 1;
         let name = self.columns.get(column).map_or(String::new(), |c| format!("{c}: "));
         failure!(EX_DATAERR, "{}:{}:{at}: {name}{what}", self.file, self.line)
     }
@@ -293,9 +309,9 @@ impl Table {
             self.bytes += read as u64;
             self.line += 1;
             if read as u64 == LINE_LIMIT {
-                return Err(
-                    self.bad(format_args!("the line has more than {LINE_LIMIT} bytes; is this a CSV file?"))
-                );
+                return Err(self.fail_row(format_args!(
+                    "the line has more than {LINE_LIMIT} bytes; is this a CSV file?"
+                )));
             }
             if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
                 self.text.drain(..3);
@@ -324,6 +340,17 @@ impl Table {
             }
         }
         self.fields.push(trimmed(&self.text, start..self.text.len()));
+    }
+
+    /// Where a field of a line with quotes begins.
+    fn quoted_start(&self, column: usize) -> usize {
+        let mut is_quoted = false;
+        let commas = self.text.iter().enumerate().filter(|(_, b)| {
+            is_quoted ^= **b == b'"';
+            **b == b',' && !is_quoted
+        });
+        let before = column.checked_sub(1).and_then(|k| commas.map(|(at, _)| at + 1).nth(k));
+        before.unwrap_or(0)
     }
 
     fn split_quoted(&mut self) {

@@ -63,6 +63,19 @@ fn predicted(points: &str, extra: &[&str]) -> Vec<HashMap<String, String>> {
     result(directory.path())
 }
 
+#[test]
+fn a_direction_that_is_not_known_is_that_towards_plus() {
+    let rows = predicted(
+        "x_mm,dir_x,tool_z_mm\n100,1,-50\n100,0,-50\n100,,-50\n100,-1,-50\n100,1,\n100,1,-100\n",
+        &[],
+    );
+    let at = |row: usize| ["dx_um", "dy_um", "cx_um"].map(|key| number(&rows[row], key));
+    assert_eq!((at(1), at(2)), (at(0), at(0)));
+    assert_ne!(at(3), at(0));
+    assert_eq!(at(4), at(5), "the tip of the model");
+    assert_ne!(at(4), at(0));
+}
+
 fn list(v: &Value) -> String {
     let numbers: Vec<String> =
         v.as_array().unwrap().iter().map(|n| format!("{:e}", n.as_f64().unwrap())).collect();
@@ -256,7 +269,8 @@ fn bad_points_are_refused_and_leave_no_file() {
         ("x_mm\ninf\n", "inf is not finite"),
         ("x_mm,y_mm\n1\n", "p.csv:2: 1 fields, the header has 2 columns"),
         ("x_mm,y_mm\n1,\n", "the field is empty"),
-        ("x_mm,dir_x\n1,0\n", "0 is no direction"),
+        ("x_mm,dir_x\n1,2\n", "2 is no direction"),
+        ("comment,x_mm,y_mm\n\"a, b\",1,abc\n", "p.csv:2:10: y_mm: 'abc' is not a number"),
     ] {
         let directory = tempfile::tempdir().unwrap();
         let output = predict(directory.path(), MODEL, points, &[]);
