@@ -18,8 +18,8 @@ pub(super) fn sag(data: &Data, of: &Subject) -> Variants {
     let up = data.machine.up();
     let Some(range) = data.moved(axis)?.filter(|_| axis != up) else { return Ok(Vec::new()) };
     let [low, high] = outwards(axis, range);
-    if data.only_angles {
-        return Err("angles alone show its slope only, which is an angular error motion".into());
+    if data.only_angles || !data.sees[up.slot()] {
+        return Err("no readings along the vertical: its slope alone is an angular error motion".into());
     }
     let (half, own) = (0.5 * (high - low), data.lever(axis));
     // under a head the slope turns all that hangs on it
