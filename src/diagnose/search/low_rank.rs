@@ -1,6 +1,6 @@
 //! Noise of low rank beside what the filter whitens: variances along some orthonormal directions.
 
-use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView, SymmetricEigen};
+use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, DVectorView, Dyn, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::super::dense;
@@ -54,13 +54,26 @@ impl LowRank {
 
     /// Whitens columns in place, or back: a row of values, one of each column, per row of the problem.
     pub(crate) fn turn(&self, data: &mut [f64], back: bool) {
-        let rows = self.basis.nrows();
-        let mut columns = DMatrixView::from_slice(data, data.len() / rows.max(1), rows).transpose();
-        let mut along = dense::product(&self.basis, &columns);
+        let (rows, rank) = self.basis.shape();
+        let width = data.len() / rows.max(1);
         let change = self.change(back);
-        along.column_iter_mut().for_each(|mut a| a.component_mul_assign(&change));
-        columns.gemm(1.0, &self.basis, &along, 1.0);
-        data.copy_from_slice(columns.transpose().as_slice());
+        if width <= NARROW {
+            // the products of few columns run along the basis as it lies
+            let mut columns = DMatrixView::from_slice(data, width, rows).transpose();
+            let mut along = self.basis.tr_mul(&columns);
+            along.column_iter_mut().for_each(|mut a| a.component_mul_assign(&change));
+            for (mut column, along) in columns.column_iter_mut().zip(along.column_iter()) {
+                column.gemv(1.0, &self.basis, &along, 1.0);
+            }
+            data.copy_from_slice(columns.transpose().as_slice());
+            return;
+        }
+        let mut columns = DMatrixViewMut::from_slice(data, width, rows);
+        let mut along = &columns * &self.basis;
+        along.column_iter_mut().zip(change.iter()).for_each(|(mut a, change)| a *= *change);
+        let transposed =
+            DMatrixView::<f64, Dyn, Dyn>::from_slice_with_strides(self.basis.as_slice(), rank, rows, rows, 1);
+        columns.gemm(1.0, &along, &transposed, 1.0);
     }
 
     /// The directions, each by the root of the share that whitening takes along it, a matrix row each.
