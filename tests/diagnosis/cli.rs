@@ -485,6 +485,19 @@ fn an_addition_needs_its_columns_and_its_machine() {
     let dx: Vec<String> =
         text(&done.stdout).lines().skip(1).map(|l| l.split(',').nth(2).unwrap().to_owned()).collect();
     assert_ne!(dx[0], dx[1], "the tilt grows with the tool");
+    // of a session file what is empty and what the effect does not ask for is not known, as for `diagnose`
+    std::fs::write(
+        d.join("p.csv"),
+        "t_s,x_mm,dir_x,tool_length_mm,range_mm,target_x_mm,deviation_um\n0,0,0,0,,,1\n1,0,,100,,,1\n2,0,1,,,,1\n",
+    )
+    .unwrap();
+    let done = predict(&["--add", "tilt.toml"]);
+    let said = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(65));
+    assert!(said.contains("p.csv:4: effect spindle-tilt needs column tool_length_mm"), "{said}");
+    let done = predict(&[]);
+    assert!(done.status.success() && text(&done.stderr).contains("the lengths are not used"));
+    std::fs::write(d.join("p.csv"), "x_mm,tool_length_mm\n0,0\n0,100\n").unwrap();
     let said = text(&predict(&[]).stderr);
     assert!(said.contains("the model has no gauge point"), "{said}");
 }

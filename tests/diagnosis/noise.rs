@@ -145,3 +145,41 @@ fn a_drift_of_the_instrument_follows_no_logged_temperature() {
         assert_eq!(others.count(), 0, "seed {seed}: {}", report["causes"]);
     }
 }
+
+/// A probe at one place every 190 s along three directions; a cooling unit moves the structure to and fro within nine readings.
+fn beside_a_cooling_unit(seed: u64, amplitude_um: f64) -> Value {
+    let mut noise = normal(seed);
+    let mut table =
+        "t_s,instrument,setup,run,repeat,x_mm,y_mm,z_mm,u_x,u_y,u_z,deviation_um,moving\n".to_owned();
+    for k in 0..115 {
+        let t_s = 190.0 * f64::from(k);
+        // linear up and down again
+        let phase = (t_s / 1700.0 + 0.1 * seed as f64).fract();
+        let swing = if phase < 0.4 { phase / 0.2 - 1.0 } else { 1.0 - (phase - 0.4) / 0.3 };
+        for (axis, share) in [1.0, 0.3, -0.25].into_iter().enumerate() {
+            let [u, v, w] = [0, 1, 2].map(|a| i32::from(a == axis));
+            let read_um = share * amplitude_um * swing + 0.6 * noise();
+            writeln!(table, "{t_s},probe,1,1,1,100,200,-50,{u},{v},{w},{read_um:.3},0").unwrap();
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("log.csv");
+    std::fs::write(&path, table).unwrap();
+    diagnose(&path, &[]).0
+}
+
+#[test]
+fn the_cycle_of_a_cooling_unit_is_unexplained_and_no_noise() {
+    for seed in 1..=3 {
+        let report = beside_a_cooling_unit(seed, 12.0);
+        assert_eq!(declared(&report), Vec::<String>::new(), "{seed}");
+        assert_eq!(report["verdict"], "unexplained", "{seed}");
+        let looks = report["unexplained"]["looks_like"].as_str().unwrap();
+        let period_s: f64 =
+            looks.split("a cycle of ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!((period_s - 1700.0).abs() < 30.0, "{looks}");
+        let left_um = report["unexplained"]["rms_um"].as_f64().unwrap();
+        assert!((3.0..6.0).contains(&left_um), "{left_um}");
+        assert_eq!(beside_a_cooling_unit(seed, 0.0)["verdict"], "no-gap", "{seed}");
+    }
+}

@@ -69,6 +69,20 @@ fn unequal_targets_show_the_pitch_of_a_screw_and_equal_ones_do_not() {
     }
 }
 
+/// What goes with the position of an axis seen along itself is its positioning error, whatever bends like that elsewhere.
+#[test]
+fn a_line_along_its_own_axis_shows_no_sag() {
+    for seed in 1..=3 {
+        let bent = |x: f64| 15.0 * x * x * (1200.0 - x) / (2.0 * 400.0f64.powi(3));
+        let rough = |k: usize| [0.4, -0.7, 0.2, 0.6, -0.3][k % 5];
+        let r = tested(&unequal(17, 24.0, 10.0), 5, seed, |k, x| bent(x) + rough(k));
+        let found = declared(&r);
+        assert!(found.contains(&"positioning"), "{seed}: {}", r["causes"]);
+        assert!(found.iter().all(|c| ["positioning", "scale"].contains(c)), "{seed}: {}", r["causes"]);
+        assert!(r["cannot_be_seen"].to_string().contains("no readings along the vertical"), "{seed}");
+    }
+}
+
 #[test]
 fn a_fine_line_over_three_pitches_shows_the_wave_and_no_table() {
     for (seed, pitch_mm) in [(1, 5.0), (2, 10.0), (3, 12.0)] {

@@ -93,9 +93,7 @@ pub(super) fn summary(
         say!("where (shares overlap): {by}{of}, {share} of the structured gap ({detail})");
     }
     if r.unexplained.significant {
-        // where few readings were compared, what is said of the drift is a part of it
-        let left = if r.is_compared { r.unexplained.rms_um } else { found.budget.unexplained_um };
-        say!("unexplained: {} µm RMS; {}", um(left), r.unexplained.looks_like);
+        say!("unexplained: {} µm RMS; {}", um(r.unexplained.rms_um), r.unexplained.looks_like);
     }
     for o in r.outlying_readings.iter().take(6) {
         say!("outlier left out: {}", o.words(um));

@@ -108,7 +108,12 @@ impl Structure {
             if size <= 0.0 {
                 return;
             }
-            DMatrix::from_fn(n, n, |i, j| part[i] * part[j] * self.near[(i, j)] / (size * size))
+            // the mean of the factor where the effect acts is its size, which has a name
+            let weights = part.component_mul(part);
+            let with_mean = &self.near * &weights;
+            let of_mean = weights.dot(&with_mean);
+            let factor = |i: usize, j: usize| self.near[(i, j)] - with_mean[i] * with_mean[j] / of_mean;
+            DMatrix::from_fn(n, n, |i, j| part[i] * part[j] * factor(i, j) / (size * size))
         };
         self.components.push((Component::Misform(label), m));
     }

@@ -41,10 +41,27 @@ struct Even {
     slowest_hz: f64,
 }
 
+/// Way within which an axis stays, mm or rad.
+const STAYS: f64 = 1e-3;
+
 /// Lost samples in a row up to which a run goes on.
 const LOST_MAX: f64 = 100.0;
 
-fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Even> {
+/// Which lines are looked for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Band {
+    /// Those of a vibration of the machine.
+    Vibration,
+    /// Slower ones, of readings that stay at one place: a motion has lines of its own.
+    Slow,
+}
+
+fn even_runs(
+    session: &Session,
+    order: &[usize],
+    (filtered, beside): (&[f64], &[f64]),
+    band: Band,
+) -> Vec<Even> {
     let mut runs: Vec<Vec<Sample>> = vec![Vec::new(); session.runs];
     for (e, i) in restless(session, order, filtered, beside).into_iter().zip(order) {
         // without a clock there is no frequency
@@ -59,8 +76,11 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
         let steps = |w: &[&Sample]| ((w[1].0 - w[0].0) / step).round().clamp(1.0, LOST_MAX);
         let is_regular = |w: &&[&Sample]| (w[1].0 - w[0].0 - steps(w) * step).abs() < 0.05 * step;
         let regular = line.windows(2).filter(is_regular).count();
-        let fast = step > 0.0 && 0.5 / step > LOWEST_HZ;
-        if fast && regular * 20 >= 19 * (line.len() - 1) {
+        let holds = match band {
+            Band::Vibration => step > 0.0 && 0.5 / step > LOWEST_HZ,
+            Band::Slow => step > 0.0 && stays(session, &line),
+        };
+        if holds && regular * 20 >= 19 * (line.len() - 1) {
             let slowest_hz = (PERIODS + turns(session, &line) * PERIODS) / (line.len() as f64 * step);
             let mut values = vec![line[0].1];
             for w in line.windows(2) {
@@ -71,6 +91,16 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
         }
     }
     even
+}
+
+/// True where no axis moves from sample to sample.
+fn stays(session: &Session, line: &[&Sample]) -> bool {
+    let position = |s: &Sample| session.moments[s.2].position;
+    let same = |w: &[&Sample]| {
+        let (a, b) = (position(w[0]), position(w[1]));
+        a.iter().zip(&b).all(|(a, b)| a.is_nan() && b.is_nan() || (a - b).abs() <= STAYS)
+    };
+    line.windows(2).all(same)
 }
 
 /// How often a motion goes forth and back, by the axis that turns round most.
@@ -160,13 +190,23 @@ fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
 /// does come back would leave the swing of the filter in the first of two passes).
 #[must_use]
 pub fn tone(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Option<Tone> {
-    let mut runs = even_runs(session, order, filtered, beside);
+    strongest(even_runs(session, order, (filtered, beside), Band::Vibration), LOWEST_HZ, f64::INFINITY)
+}
+
+/// The strongest line below the frequencies of vibrations over all evenly sampled runs at one place, such as the cycle of a
+/// cooling unit; arguments as for [`tone`].
+#[must_use]
+pub fn slow_line(session: &Session, order: &[usize], filtered: &[f64]) -> Option<Tone> {
+    strongest(even_runs(session, order, (filtered, filtered), Band::Slow), 0.0, LOWEST_HZ)
+}
+
+fn strongest(mut runs: Vec<Even>, lowest_hz: f64, highest_hz: f64) -> Option<Tone> {
     let step = runs.iter().map(|r| r.step).fold(f64::INFINITY, f64::min);
     runs.retain(|r| r.step < 1.5 * step);
     let longest = runs.iter().map(|r| r.values.len()).max()?;
     let long = runs.iter().filter(|r| 2 * r.values.len() >= longest);
-    let low = long.map(|r| r.slowest_hz).fold(LOWEST_HZ, f64::max);
-    let high = 0.5 / step;
+    let low = long.map(|r| r.slowest_hz).fold(lowest_hz, f64::max);
+    let high = (0.5 / step).min(highest_hz);
     if low >= high {
         return None;
     }

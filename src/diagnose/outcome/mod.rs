@@ -22,7 +22,9 @@ use super::decision::{Assessed, Evidence, HeldOut, Reason, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
-use super::noise::{ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers};
+use super::noise::{
+    ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers, slow_line,
+};
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::{Day, varies_between_days};
 use super::report::{Cause, Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
@@ -239,6 +241,8 @@ pub(super) fn conclude(
     let by_reading = are_means.then(|| Filter::new(session, &noise, &a.used));
     let filter = by_reading.as_ref().unwrap_or(&a.filter);
     let left_of_readings = by_reading.as_ref().map(|f| f.column(&without_causes));
+    let rows = by_reading.as_ref().map_or(&a.problem.rows[..], Filter::order);
+    let left_of_readings = left_of_readings.as_ref().unwrap_or(&left);
     causes.extend(stochastic::causes(
         &stochastic::Evidence {
             session,
@@ -247,8 +251,8 @@ pub(super) fn conclude(
             outlying: &a.outlying,
             lattice_um: &a.lattice_um,
             noise: &noise,
-            rows: by_reading.as_ref().map_or(&a.problem.rows[..], Filter::order),
-            left: left_of_readings.as_ref().unwrap_or(&left),
+            rows,
+            left: left_of_readings,
             beside: &filter.column(&beside_repeats(session, &a.used, &without_causes)),
             rms_um: rms(&before),
         },
@@ -268,7 +272,7 @@ pub(super) fn conclude(
     });
     tell(0.94, "where the gap lies");
     let places = localise(session, &a.problem, &|data, width| a.filter.apply(data, width), &y);
-    let unexplained = match &a.comparison {
+    let mut unexplained = match &a.comparison {
         Some(c) => compared::unexplained(session, a, c, &left, (&assessed, undeclared_um2)),
         None => unexplained(
             session,
@@ -279,6 +283,11 @@ pub(super) fn conclude(
             (shrink.rms_before_um, shrink.rms_after_um),
         ),
     };
+    let cycle_um2 = unexplained.add_cycle(
+        session,
+        slow_line(session, rows, left_of_readings),
+        (white_rms(session, a), rms(&before)),
+    );
     // what does not repeat explains nothing of a gap that does
     let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic);
     let is_little = shrink.fraction <= LITTLE;
@@ -328,7 +337,12 @@ pub(super) fn conclude(
     });
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
     let curves = curves(session, a, &assessed, &fitted);
-    let budget = budget(session, a, &assessed, &fitted, (undeclared_um2, rough_left_um));
+    let budget = budget(session, a, &assessed, &fitted, (undeclared_um2 + cycle_um2, rough_left_um));
+    if unexplained.significant && a.comparison.is_none() {
+        // one figure for what stays, as in the budget
+        let drift_um = if unexplained::drifting(a).is_empty() { 0.0 } else { budget.drift_um };
+        unexplained.rms_um = budget.unexplained_um.hypot(drift_um);
+    }
     let programs = programs(session, a, &before, &after);
     let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {

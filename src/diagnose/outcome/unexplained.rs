@@ -1,10 +1,11 @@
 //! What nothing explains: whether it is there, where it lies, what it looks like.
 
 use super::super::Analysis;
-use super::super::constants::{LARGE_DRIFT, SIGNIFICANT};
+use super::super::constants::{HALF, LARGE_DRIFT, LINE_CHANCE, SIGNIFICANT};
 use super::super::decision::Assessed;
 use super::super::library::Kind;
 use super::super::localise::localise;
+use super::super::noise::Tone;
 use super::super::report::{Cause, Place, Unexplained, Value};
 use super::super::residual_structure::Structure;
 use super::super::search::LowRank;
@@ -68,6 +69,38 @@ pub(super) fn unexplained(
         looks_like: looks_like(session, a, (&places, rough_um), &proxies, &drifting, significant),
         places,
         is_pointwise: false,
+    }
+}
+
+impl Unexplained {
+    /// Adds a cycle in time of readings at one place, in units of the white noise `white_um`, where chance does not bring one so
+    /// large; returns its mean square, um^2. Neighbours in time do not know it from noise.
+    pub(super) fn add_cycle(
+        &mut self,
+        session: &Session,
+        line: Option<Tone>,
+        (white_um, gap_um): (f64, f64),
+    ) -> f64 {
+        let Some(line) = line.filter(|l| l.chance < LINE_CHANCE && 2.0 * l.amplitude > HALF) else {
+            return 0.0;
+        };
+        let (amplitude_um, period_s) = (line.amplitude * white_um, 1.0 / line.frequency_hz);
+        let period = session.span(period_s);
+        if !self.significant {
+            self.looks_like.clear();
+        }
+        let before = if self.looks_like.is_empty() { "" } else { "; " };
+        self.looks_like += &format!(
+            "{before}a cycle of {period} with an amplitude of {amplitude_um:.2} µm that goes with nothing logged: log what switches with that period, such as a cooling unit or an air conditioner"
+        );
+        self.significant = true;
+        let cycle_um = amplitude_um / core::f64::consts::SQRT_2;
+        self.rms_um = self.rms_um.hypot(cycle_um);
+        let share = (cycle_um / gap_um).powi(2).min(1.0);
+        let detail = format!("a cycle of {period}");
+        self.places.push(Place { by: "time", of: String::new(), share, detail });
+        self.places.sort_by(|a, b| b.share.total_cmp(&a.share));
+        cycle_um * cycle_um
     }
 }
 

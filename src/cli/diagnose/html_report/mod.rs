@@ -312,7 +312,7 @@ fn programs(page: &mut Page, found: &Diagnosis) {
 }
 
 fn unexplained(page: &mut Page, found: &Diagnosis) {
-    let (u, b) = (&found.report.unexplained, &found.budget);
+    let u = &found.report.unexplained;
     if !u.significant {
         return;
     }
@@ -324,7 +324,8 @@ fn unexplained(page: &mut Page, found: &Diagnosis) {
     if more > 0 {
         looks.push_str(&format!("; {more} more in report.json"));
     }
-    let (size, share, looks) = (um(b.unexplained_um), percent(b.shares().unexplained), with_names(&looks));
+    let share = (u.rms_um / found.budget.before.rms_um.max(1e-9)).powi(2).min(1.0);
+    let (size, share, looks) = (um(u.rms_um), percent(share), with_names(&looks));
     page.paragraph(format!("{size} µm RMS, {share} of the mean square of the gap: {looks}."));
     let places = u.places.iter().take(5);
     let places = places
