@@ -312,7 +312,7 @@ impl Columns {
         } else if let Some(column) = self.tool_length {
             pose.tool_tip = table.number_if_known(column)?.and_then(|mm| model.tool_tip_for_length(mm));
         }
-        if !self.motion.is_empty() {
+        if !model.dynamics().is_empty() {
             pose.dynamic = Some(self.signals(table, model, &pose)?);
         }
         Ok(pose)

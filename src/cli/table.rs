@@ -344,9 +344,11 @@ impl Table {
 
     /// Where a field of a line with quotes begins.
     fn quoted_start(&self, column: usize) -> usize {
-        let mut is_quoted = false;
+        // only at the beginning of a field does a quote open one
+        let (mut is_quoted, mut begins) = (false, true);
         let commas = self.text.iter().enumerate().filter(|(_, b)| {
-            is_quoted ^= **b == b'"';
+            is_quoted ^= **b == b'"' && (is_quoted || begins);
+            begins = **b == b',' && !is_quoted;
             **b == b',' && !is_quoted
         });
         let before = column.checked_sub(1).and_then(|k| commas.map(|(at, _)| at + 1).nth(k));

@@ -14,7 +14,7 @@ pub const ROTARY_CORRECTION_LIMIT: f64 = 1e-3;
 
 /// Determinant of the products of the directions of the linear axes below which two of them count as nearly parallel: 10 deg apart,
 /// where a rotary axis stands between them. Their corrections are then damped, so that none is larger than some twelve times the
-/// deviation; what they leave is residual.
+/// deviation, and a third axis loses up to 0.25 %; what they leave is residual.
 const NEARLY_PARALLEL: f64 = 0.03;
 /// Damping where they are parallel.
 const PARALLEL_DAMPING: f64 = 0.0025;
@@ -173,7 +173,7 @@ impl Model {
                 normal[(slot, slot)] = 1.0;
             }
         }
-        // 1 where the axes are square to each other, 0 where two are parallel
+        // 0 where two axes are 10 deg and more apart, 1 where they are parallel
         let missing = (1.0 - normal.determinant() / NEARLY_PARALLEL).max(0.0);
         if missing > 0.0 {
             for (slot, index) in indices.iter().enumerate() {

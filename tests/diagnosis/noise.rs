@@ -180,6 +180,8 @@ fn the_cycle_of_a_cooling_unit_is_unexplained_and_no_noise() {
         assert!((period_s - 1700.0).abs() < 30.0, "{looks}");
         let left_um = report["unexplained"]["rms_um"].as_f64().unwrap();
         assert!((3.0..6.0).contains(&left_um), "{left_um}");
+        let [rms_um, noise_um] = ["rms_um", "noise_um"].map(|key| report["gap"][key].as_f64().unwrap());
+        assert!(noise_um < 0.6 * rms_um, "{noise_um} of {rms_um}");
         assert_eq!(beside_a_cooling_unit(seed, 0.0)["verdict"], "no-gap", "{seed}");
     }
 }

@@ -103,7 +103,10 @@ fn uncertainty(f: &Fitted, units: &Units, json: &mut Value) {
     let (unit, position) = (units.value, units.position);
     let mut std = band.parameter_std();
     let of_reversal = f.fit.reversal.as_ref().map_or(0, |r| r.coefficients.len());
-    let of_periods = std.split_off((f.fit.coefficients.len() + of_reversal).min(std.len()));
+    // a table has none, and values more: those that close a turn
+    let all_but_periods =
+        if f.fit.period_fitted { f.fit.coefficients.len() + of_reversal } else { std.len() };
+    let of_periods = std.split_off(all_but_periods.min(std.len()));
     if !of_periods.is_empty() {
         json[format!("periods_fitted_std_{position}")] = json!(units.positions(&of_periods));
     }

@@ -75,21 +75,16 @@ impl<'a> CaseFile<'a> {
         let text = input::read_text(self.path, InputKind::Case)?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut file: Value = serde_json::from_str(text).map_err(|e| self.at(&e))?;
-        if let Some(value) = beyond(&file) {
-            return Err(
-                self.bad(format_args!("{value} is beyond {NUMBER_LIMIT:e}; no length, angle or reading is"))
-            );
-        }
         let Some(Value::Array(cases)) = file.get_mut("cases").map(Value::take) else {
             return match self.id {
                 Some(id) if file["id"] != id => Err(self.missing(core::slice::from_ref(&file))),
                 // once more from the text: then a message has a place
-                _ => serde_json::from_str(text).map_err(|e| self.at(&e)),
+                _ => self.bounded(&file).and_then(|()| serde_json::from_str(text).map_err(|e| self.at(&e))),
             };
         };
         let Some(id) = self.id else {
             let (path, count, ids) = (self.path.display(), cases.len(), ids(&cases));
-            if cases.iter().all(|c| c["id"].is_null()) {
+            if !cases.is_empty() && cases.iter().all(|c| c["id"].is_null()) {
                 return Err(self.bad(format_args!(
                     "holds {count} cases and none has an id; give each an id for --case, or a file of its own"
                 )));
@@ -97,9 +92,24 @@ impl<'a> CaseFile<'a> {
             return Err(usage!("{path}: holds {count} cases; choose one with --case: {ids}"));
         };
         match cases.iter().position(|c| c["id"] == id) {
-            Some(i) => T::deserialize(&cases[i]).map_err(|e| self.bad(e)),
+            Some(i) => {
+                self.bounded(&cases[i])?;
+                T::deserialize(&cases[i]).map_err(|e| self.bad(e))
+            }
             None => Err(self.missing(&cases)),
         }
+    }
+
+    /// Refuses inputs with numbers that text files may not hold either.
+    fn bounded(&self, case: &Value) -> Result<()> {
+        let inputs = case.as_object().into_iter().flatten();
+        let mut inputs = inputs.filter(|(key, _)| !IGNORED.contains(&key.as_str()));
+        let found = inputs.find_map(|(key, value)| Some((key, beyond(value)?)));
+        found.map_or(Ok(()), |(key, value)| {
+            Err(self.bad(format_args!(
+                "{key}: {value:e} is beyond {NUMBER_LIMIT:e}; no length, angle or reading is, leave it out"
+            )))
+        })
     }
 
     fn missing(&self, cases: &[Value]) -> Failure {
@@ -118,6 +128,9 @@ impl<'a> CaseFile<'a> {
         )
     }
 }
+
+/// Keys of a case that are no inputs.
+const IGNORED: [&str; 2] = ["expect", "truth"];
 
 /// A number in a case that is beyond what text files may hold.
 fn beyond(value: &Value) -> Option<f64> {

@@ -25,7 +25,7 @@ pub use quantisation::lattices;
 pub use random::Random;
 pub use range::{AngleNoise, RangeNoise, angle_noise, range_noise};
 pub use space::{is_revisited, neighbours, spacing};
-pub use vibration_spectrum::{Tone, beside_repeats, slow_line, tone};
+pub use vibration_spectrum::{Cycle, Tone, beside_repeats, cycle, tone};
 
 /// Factor between the median of absolute deviations and the standard deviation of a normal distribution.
 pub const MAD: f64 = 1.482_602_218_505_602;

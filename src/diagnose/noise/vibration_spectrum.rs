@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::constants::{CREEP, LOWEST_HZ, MANY, NEARLY};
+use super::super::constants::{CREEP, LINE_CHANCE, LOWEST_HZ, MANY, NEARLY};
 use super::super::moment::SLOTS;
 use super::super::session::{Session, Times, is_encoder};
 use super::moves;
@@ -36,13 +36,16 @@ struct Even {
     step: f64,
     /// 0 where a sample is lost: it says nothing of any line.
     values: Vec<f64>,
-    /// Number of samples that are not lost.
-    samples: usize,
+    /// Rows of the samples that are not lost.
+    rows: Vec<usize>,
     slowest_hz: f64,
 }
 
 /// Way within which an axis stays, mm or rad.
 const STAYS: f64 = 1e-3;
+
+/// Frequency of a cycle, at least, in slowest ones that the runs can hold.
+const EDGE: f64 = 1.1;
 
 /// Lost samples in a row up to which a run goes on.
 const LOST_MAX: f64 = 100.0;
@@ -82,25 +85,42 @@ fn even_runs(
         };
         if holds && regular * 20 >= 19 * (line.len() - 1) {
             let slowest_hz = (PERIODS + turns(session, &line) * PERIODS) / (line.len() as f64 * step);
-            let mut values = vec![line[0].1];
-            for w in line.windows(2) {
+            let own: Vec<f64> = line.iter().map(|s| s.1).collect();
+            let own = if band == Band::Slow { standardised(own) } else { own };
+            let mut values = vec![own[0]];
+            for (w, value) in line.windows(2).zip(&own[1..]) {
                 values.resize(values.len() + steps(w) as usize - 1, 0.0);
-                values.push(w[1].1);
+                values.push(*value);
             }
-            even.push(Even { step, values, samples: line.len(), slowest_hz });
+            even.push(Even { step, values, rows: line.iter().map(|s| s.2).collect(), slowest_hz });
         }
     }
     even
 }
 
-/// True where no axis moves from sample to sample.
+/// True where no axis moves.
 fn stays(session: &Session, line: &[&Sample]) -> bool {
-    let position = |s: &Sample| session.moments[s.2].position;
-    let same = |w: &[&Sample]| {
-        let (a, b) = (position(w[0]), position(w[1]));
-        a.iter().zip(&b).all(|(a, b)| a.is_nan() && b.is_nan() || (a - b).abs() <= STAYS)
+    let first = session.moments[line[0].2].position;
+    let is_there = |s: &&Sample| {
+        let moment = &session.moments[s.2];
+        let mut pairs = moment.position.iter().zip(&first);
+        !moves(moment) && pairs.all(|(a, b)| a.is_nan() && b.is_nan() || (a - b).abs() <= STAYS)
     };
-    line.windows(2).all(same)
+    line.iter().all(is_there)
+}
+
+/// Values without their mean and slope, with unit variance; zeros where they have none.
+fn standardised(mut values: Vec<f64>) -> Vec<f64> {
+    let n = values.len() as f64;
+    let at = |k: usize| k as f64 - 0.5 * (n - 1.0);
+    let mean = values.iter().sum::<f64>() / n;
+    let moment: f64 = values.iter().enumerate().map(|(k, v)| at(k) * v).sum();
+    let slope = moment / (n * (n * n - 1.0) / 12.0);
+    values.iter_mut().enumerate().for_each(|(k, v)| *v -= mean + slope * at(k));
+    let size = (values.iter().map(|v| v * v).sum::<f64>() / n).sqrt();
+    let scale = if size > 0.0 { 1.0 / size } else { 0.0 };
+    values.iter_mut().for_each(|v| *v *= scale);
+    values
 }
 
 /// How often a motion goes forth and back, by the axis that turns round most.
@@ -193,11 +213,49 @@ pub fn tone(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
     strongest(even_runs(session, order, (filtered, beside), Band::Vibration), LOWEST_HZ, f64::INFINITY)
 }
 
-/// The strongest line below the frequencies of vibrations over all evenly sampled runs at one place, such as the cycle of a
-/// cooling unit; arguments as for [`tone`].
+/// A cycle in time of readings at one place, slower than a vibration, such as that of a cooling unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cycle {
+    /// Period, s.
+    pub period_s: f64,
+    /// Largest amplitude of a run along one direction, um.
+    pub amplitude_um: f64,
+    /// Its mean square over all readings, um^2.
+    pub mean_square_um2: f64,
+}
+
+/// The strongest cycle that chance does not bring, over all evenly sampled runs at one place. `filtered` is what is left, whitened, for
+/// the readings `order`; `left_um` the same in um for all readings of the session.
 #[must_use]
-pub fn slow_line(session: &Session, order: &[usize], filtered: &[f64]) -> Option<Tone> {
-    strongest(even_runs(session, order, (filtered, filtered), Band::Slow), 0.0, LOWEST_HZ)
+pub fn cycle(session: &Session, order: &[usize], filtered: &[f64], left_um: &[f64]) -> Option<Cycle> {
+    let mut runs = even_runs(session, order, (filtered, filtered), Band::Slow);
+    let span_s = |run: &Even| run.values.len() as f64 * run.step;
+    let longest_s = runs.iter().map(span_s).fold(0.0, f64::max);
+    runs.retain(|run| 2.0 * span_s(run) >= longest_s);
+    let slowest_hz = runs.iter().map(|run| run.slowest_hz).fold(0.0, f64::max);
+    let rows: Vec<Vec<usize>> = runs.iter().map(|run| run.rows.clone()).collect();
+    let line = strongest(runs, 0.0, LOWEST_HZ)?;
+    // what is slower than any cycle has most power at the slowest
+    if line.chance >= LINE_CHANCE || line.frequency_hz < EDGE * slowest_hz {
+        return None;
+    }
+    let amplitude_um = |rows: &Vec<usize>| {
+        let n = rows.len() as f64;
+        let mean = rows.iter().map(|i| left_um[*i]).sum::<f64>() / n;
+        let add = |(re, im): (f64, f64), i: &usize| {
+            let (sin, cos) = (TAU * line.frequency_hz * session.moments[*i].t_s).sin_cos();
+            (re + (left_um[*i] - mean) * cos, im + (left_um[*i] - mean) * sin)
+        };
+        let (re, im) = rows.iter().fold((0.0, 0.0), add);
+        2.0 * re.hypot(im) / n
+    };
+    let each: Vec<f64> = rows.iter().map(amplitude_um).collect();
+    let sum: f64 = rows.iter().zip(&each).map(|(rows, a)| 0.5 * a * a * rows.len() as f64).sum();
+    Some(Cycle {
+        period_s: 1.0 / line.frequency_hz,
+        amplitude_um: each.into_iter().fold(0.0, f64::max),
+        mean_square_um2: sum / order.len() as f64,
+    })
 }
 
 fn strongest(mut runs: Vec<Even>, lowest_hz: f64, highest_hz: f64) -> Option<Tone> {
@@ -210,7 +268,7 @@ fn strongest(mut runs: Vec<Even>, lowest_hz: f64, highest_hz: f64) -> Option<Ton
     if low >= high {
         return None;
     }
-    let total: usize = runs.iter().map(|r| r.samples).sum();
+    let total: usize = runs.iter().map(|r| r.rows.len()).sum();
     let places: usize = runs.iter().map(|r| r.values.len()).sum();
     let count = longest.min(WORK / places.max(1)).max(16);
     let frequency = |k: usize| low + (high - low) * k as f64 / count as f64;
@@ -251,5 +309,5 @@ fn periodogram(run: &Even, f: f64) -> f64 {
         im += v * s;
         (s, c) = (s * dc + c * ds, c * dc - s * ds);
     }
-    (re * re + im * im) / run.samples as f64
+    (re * re + im * im) / run.rows.len() as f64
 }

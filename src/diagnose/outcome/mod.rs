@@ -23,7 +23,7 @@ use super::forecast::{Contributions, contributions, forecast, minus};
 use super::library::Kind;
 use super::localise::localise;
 use super::noise::{
-    ClassNoise, Filter, beside_repeats, from_partners, is_revisited, lattices, outliers, slow_line,
+    ClassNoise, Filter, beside_repeats, cycle, from_partners, is_revisited, lattices, outliers,
 };
 use super::offsets::{residuals, rms, without_offsets};
 use super::prediction_interval::{Day, varies_between_days};
@@ -283,11 +283,8 @@ pub(super) fn conclude(
             (shrink.rms_before_um, shrink.rms_after_um),
         ),
     };
-    let cycle_um2 = unexplained.add_cycle(
-        session,
-        slow_line(session, rows, left_of_readings),
-        (white_rms(session, a), rms(&before)),
-    );
+    let slow = cycle(session, rows, left_of_readings, &without_causes);
+    let cycle_um2 = unexplained.add_cycle(session, slow, rms(&before));
     // what does not repeat explains nothing of a gap that does
     let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic);
     let is_little = shrink.fraction <= LITTLE;
@@ -341,8 +338,10 @@ pub(super) fn conclude(
     if unexplained.significant && a.comparison.is_none() {
         // one figure for what stays, as in the budget
         let drift_um = if unexplained::drifting(a).is_empty() { 0.0 } else { budget.drift_um };
-        unexplained.rms_um = budget.unexplained_um.hypot(drift_um);
+        unexplained.rms_um = budget.unexplained_um.hypot(drift_um).max(cycle_um2.sqrt());
     }
+    unexplained.rms_um = unexplained.rms_um.min(shrink.rms_after_um);
+    let kept = (1.0 - cycle_um2 / rms(&after).powi(2).max(1e-18)).max(LITTLE * LITTLE);
     let programs = programs(session, a, &before, &after);
     let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {
@@ -352,7 +351,7 @@ pub(super) fn conclude(
         is_compared: a.comparison.is_some(),
         discrepancy_um,
         verdict,
-        gap: size(session, a, &before, shrink.rms_after_um),
+        gap: size(session, a, &before, (shrink.rms_after_um, kept)),
         places,
         causes,
         shrink,
@@ -441,8 +440,9 @@ fn drift_rms(session: &Session, a: &Analysis) -> f64 {
     (sum / a.problem.len().max(1) as f64).sqrt()
 }
 
-fn size(session: &Session, a: &Analysis, before: &[f64], after_um: f64) -> Size {
-    let (rms_um, noise_um) = (rms(before), white_rms(session, a));
+/// The gap beside the noise, of which `kept` of the mean square is no cycle.
+fn size(session: &Session, a: &Analysis, before: &[f64], (after_um, kept): (f64, f64)) -> Size {
+    let (rms_um, noise_um) = (rms(before), white_rms(session, a) * kept.sqrt());
     // the floor: noise and drift, which nothing that repeats can take away
     let floor = noise_um.hypot(drift_rms(session, a)).min(after_um).min(rms_um);
     Size {

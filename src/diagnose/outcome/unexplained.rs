@@ -1,11 +1,11 @@
 //! What nothing explains: whether it is there, where it lies, what it looks like.
 
 use super::super::Analysis;
-use super::super::constants::{HALF, LARGE_DRIFT, LINE_CHANCE, SIGNIFICANT};
+use super::super::constants::{LARGE_DRIFT, LITTLE, SIGNIFICANT};
 use super::super::decision::Assessed;
 use super::super::library::Kind;
 use super::super::localise::localise;
-use super::super::noise::Tone;
+use super::super::noise::Cycle;
 use super::super::report::{Cause, Place, Unexplained, Value};
 use super::super::residual_structure::Structure;
 use super::super::search::LowRank;
@@ -73,34 +73,27 @@ pub(super) fn unexplained(
 }
 
 impl Unexplained {
-    /// Adds a cycle in time of readings at one place, in units of the white noise `white_um`, where chance does not bring one so
-    /// large; returns its mean square, um^2. Neighbours in time do not know it from noise.
-    pub(super) fn add_cycle(
-        &mut self,
-        session: &Session,
-        line: Option<Tone>,
-        (white_um, gap_um): (f64, f64),
-    ) -> f64 {
-        let Some(line) = line.filter(|l| l.chance < LINE_CHANCE && 2.0 * l.amplitude > HALF) else {
-            return 0.0;
-        };
-        let (amplitude_um, period_s) = (line.amplitude * white_um, 1.0 / line.frequency_hz);
-        let period = session.span(period_s);
+    /// Adds a cycle in time of readings at one place, where it is not small beside the gap, um; returns its mean square, um^2.
+    /// Neighbours in time do not know it from noise.
+    pub(super) fn add_cycle(&mut self, session: &Session, cycle: Option<Cycle>, gap_um: f64) -> f64 {
+        let share = |c: &Cycle| (c.mean_square_um2 / gap_um.powi(2).max(1e-18)).min(1.0);
+        let Some(cycle) = cycle.filter(|c| share(c) > LITTLE) else { return 0.0 };
+        let period = session.span(cycle.period_s);
         if !self.significant {
             self.looks_like.clear();
         }
         let before = if self.looks_like.is_empty() { "" } else { "; " };
         self.looks_like += &format!(
-            "{before}a cycle of {period} with an amplitude of {amplitude_um:.2} µm that goes with nothing logged: log what switches with that period, such as a cooling unit or an air conditioner"
+            "{before}a cycle of {period} with an amplitude of {:.2} µm that no effect follows: look for what switches with that period, such as a cooling unit or an air conditioner, and log it",
+            cycle.amplitude_um
         );
         self.significant = true;
-        let cycle_um = amplitude_um / core::f64::consts::SQRT_2;
-        self.rms_um = self.rms_um.hypot(cycle_um);
-        let share = (cycle_um / gap_um).powi(2).min(1.0);
+        self.share = self.share.max(share(&cycle));
+        self.rms_um = self.rms_um.hypot(cycle.mean_square_um2.sqrt());
         let detail = format!("a cycle of {period}");
-        self.places.push(Place { by: "time", of: String::new(), share, detail });
+        self.places.push(Place { by: "time", of: String::new(), share: share(&cycle), detail });
         self.places.sort_by(|a, b| b.share.total_cmp(&a.share));
-        cycle_um * cycle_um
+        cycle.mean_square_um2
     }
 }
 

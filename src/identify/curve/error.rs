@@ -85,7 +85,9 @@ pub enum FitError {
         travel: Travel,
     },
     /// A range that is none.
-    #[error("range {low} to {high} is empty")]
+    #[error(
+        "range {low} to {high} is empty, or shorter than a billionth of the stretch measured; give the travel of the axis"
+    )]
     EmptyRange {
         /// Lower end.
         low: f64,
