@@ -245,10 +245,13 @@ impl Table {
     /// A direction of travel; none where the field is empty, or 0: before the axis has moved.
     #[inline]
     pub(super) fn travel_if_known(&self, column: usize) -> Result<Option<Travel>> {
-        if self.field(column).is_empty() || matches!(self.number(column), Ok(0.0)) {
+        if self.field(column).is_empty() {
             return Ok(None);
         }
-        self.travel(column).map(Some)
+        match self.travel(column) {
+            Err(_) if matches!(self.number(column), Ok(0.0)) => Ok(None),
+            found => found.map(Some),
+        }
     }
 
     /// A word.

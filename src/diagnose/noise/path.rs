@@ -86,7 +86,7 @@ pub(super) fn nearer(a: f64, b: f64) -> f64 {
 }
 
 /// True where nothing changes that changes a reading but time, temperatures and the speed of the spindle.
-fn is_same_state(a: &MachineState, b: &MachineState) -> bool {
+pub(super) fn is_same_state(a: &MachineState, b: &MachineState) -> bool {
     let is_equal = |a: f64, b: f64, least: f64| (a - b).abs() < least || a.to_bits() == b.to_bits();
     (0..SLOTS).all(|s| is_equal(a.position[s], b.position[s], if s < 3 { EQUAL } else { EQUAL_RAD }))
         && others(a).zip(others(b)).all(|(a, b)| is_equal(*a, *b, EQUAL))

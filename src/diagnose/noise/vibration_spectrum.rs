@@ -7,6 +7,7 @@ use super::super::constants::{CREEP, LINE_CHANCE, LOWEST_HZ, MANY, NEARLY};
 use super::super::moment::SLOTS;
 use super::super::session::{Session, Times, is_encoder};
 use super::moves;
+use super::path::is_same_state;
 use volcomp_model::statistics::chi_square_upper;
 
 /// A vibration.
@@ -40,9 +41,6 @@ struct Even {
     rows: Vec<usize>,
     slowest_hz: f64,
 }
-
-/// Way within which an axis stays, mm or rad.
-const STAYS: f64 = 1e-3;
 
 /// Frequency of a cycle, at least, in slowest ones that the runs can hold.
 const EDGE: f64 = 1.1;
@@ -98,15 +96,10 @@ fn even_runs(
     even
 }
 
-/// True where no axis moves.
+/// True where the machine stays in one state.
 fn stays(session: &Session, line: &[&Sample]) -> bool {
-    let first = session.moments[line[0].2].position;
-    let is_there = |s: &&Sample| {
-        let moment = &session.moments[s.2];
-        let mut pairs = moment.position.iter().zip(&first);
-        !moves(moment) && pairs.all(|(a, b)| a.is_nan() && b.is_nan() || (a - b).abs() <= STAYS)
-    };
-    line.iter().all(is_there)
+    let moment = |s: &Sample| &session.moments[s.2];
+    line.iter().all(|s| !moves(moment(s)) && is_same_state(moment(line[0]), moment(s)))
 }
 
 /// Values without their mean and slope, with unit variance; zeros where they have none.

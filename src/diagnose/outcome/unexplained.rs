@@ -51,8 +51,7 @@ pub(super) fn unexplained(
     // a drift that wanders further than its setups last shows less than its size: no more is left than there is
     let beyond_noise = |rms_um: f64| (rms_um * rms_um - white * white).max(0.0);
     let there = beyond_noise(before_um.min(after_um));
-    let left_um2 = variance * white * white + if significant { drift * drift } else { 0.0 };
-    let rms_um = left_um2.min(there).sqrt();
+    let rms_um = (variance * white * white).min(there).sqrt();
     let drift_share = (drift * drift).min(there) / beyond_noise(before_um).max(1e-12);
     if !drifting.is_empty() && drift_share > 0.0 {
         let names: Vec<&str> = drifting.iter().map(|c| session.instruments[*c].as_str()).collect();
