@@ -7,13 +7,14 @@ use super::super::library::Shape;
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::pivoted_cholesky::{Factor, Rest, dot};
-use super::problem::Problem;
+use super::problem::{Given, Problem};
 use super::refine::{STEPS, is_local};
 
 /// Most moves with one step.
 const MOVES: usize = 6;
 
-/// Whitened columns, a value per row of the problem each.
+/// Columns whitened by the filter, a value per row of the problem each, and after these what of each lies along the directions of the
+/// noise that joined, which its products lack (Woodbury).
 pub(super) type Columns = Vec<Vec<f64>>;
 
 /// The effects that stay, for what is compared beside them.
@@ -21,26 +22,24 @@ pub(super) struct Beside {
     columns: Columns,
     factor: Factor,
     y: Vec<f64>,
+    /// Number of rows of the problem.
+    rows: usize,
     /// `L^-1` times the products of the columns with the gap.
     z: Vec<f64>,
 }
 
 impl Beside {
+    /// Beside some variants (prepared).
     pub(super) fn new(problem: &Problem, others: &[usize]) -> Self {
-        let columns: Vec<usize> = others.iter().flat_map(|v| problem.columns(*v)).collect();
-        let rows = problem.whitened_rows(&columns);
-        let columns: Columns = rows.row_iter().map(|c| c.iter().copied().collect()).collect();
-        let y: Vec<f64> = problem.y.iter().copied().collect();
-        let n = columns.len();
-        let mut g = vec![0.0; n * n];
-        // the decomposition reads one half
-        g.par_chunks_mut(n.max(1)).enumerate().for_each(|(i, row)| {
-            row.iter_mut().zip(&columns[..=i]).for_each(|(v, other)| *v = dot(&columns[i], other));
-        });
-        let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
-        let factor = Factor::new(n, &g, &full);
-        let z = factor.forward(&columns.iter().map(|c| dot(c, &y)).collect::<Vec<_>>());
-        Self { columns, factor, y, z }
+        let Given { columns, factor, z, .. } = problem.given(others);
+        let (columns, y) = problem.columns_and_gap(&columns);
+        Self { columns, factor, y, rows: problem.len(), z }
+    }
+
+    /// Product of two columns beside the noise that joined.
+    fn product(&self, a: &[f64], b: &[f64]) -> f64 {
+        let ((a, a_along), (b, b_along)) = (a.split_at(self.rows), b.split_at(self.rows));
+        dot(a, b) - dot(a_along, b_along)
     }
 
     /// Decomposition of the products of columns with each other beside what stays, and their products with the gap beside it.
@@ -48,14 +47,14 @@ impl Beside {
         let (k, n) = (more.len(), self.columns.len());
         let mut with = vec![0.0; k * n];
         for (i, other) in self.columns.iter().enumerate() {
-            more.iter().enumerate().for_each(|(j, c)| with[j * n + i] = dot(other, c));
+            more.iter().enumerate().for_each(|(j, c)| with[j * n + i] = self.product(other, c));
         }
         let mut g = vec![0.0; k * k];
         for i in 0..k {
-            (0..=i).for_each(|j| g[i * k + j] = dot(&more[i], &more[j]));
+            (0..=i).for_each(|j| g[i * k + j] = self.product(&more[i], &more[j]));
         }
         let full: Vec<f64> = (0..k).map(|i| g[i * k + i]).collect();
-        let b = more.iter().map(|c| dot(c, &self.y)).collect();
+        let b = more.iter().map(|c| self.product(c, &self.y)).collect();
         let rest = Rest::new(&self.factor, &self.z, with, g, b);
         (Factor::new(k, &rest.g, &full), rest.b)
     }
@@ -81,7 +80,7 @@ impl Beside {
         shape: &Shape,
     ) -> (f64, usize, Shape) {
         let gains = |shapes: &[&Shape]| -> Vec<(f64, usize)> {
-            problem.whitened(session, filter, shapes).par_iter().map(|c| self.gain(c)).collect()
+            problem.columns_of(session, filter, shapes).par_iter().map(|c| self.gain(c)).collect()
         };
         let mut best = (gains(&[shape])[0], shape.clone());
         for step in STEPS {

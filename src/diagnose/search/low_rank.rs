@@ -90,7 +90,7 @@ impl LowRank {
 /// products of what lies along its directions (Woodbury). So it joins at the price of these, and leaves at none.
 pub(super) struct Joined {
     noise: LowRank,
-    /// The directions among columns that no noise has whitened, a matrix row each.
+    /// The directions among columns that no noise has whitened, a matrix column each.
     directions: DMatrix<f64>,
     /// What of each column lies along them, a matrix column each.
     along: DMatrix<f64>,
@@ -103,8 +103,9 @@ impl Joined {
     pub(super) fn new(noise: LowRank, before: &[Self], w: &DMatrix<f64>, y: &DVector<f64>) -> Self {
         let mut directions = noise.taken();
         before.iter().rev().for_each(|b| b.turn(directions.as_mut_slice()));
-        let along = product(&w.as_view(), &directions.transpose()).transpose();
-        let of_gap = &directions * y;
+        let directions = directions.transpose();
+        let along = product(&w.as_view(), &directions).transpose();
+        let of_gap = directions.tr_mul(y);
         Self { noise, directions, along, of_gap }
     }
 
@@ -119,7 +120,22 @@ impl Joined {
 
     /// Takes a column for another one, a value per row of the problem.
     pub(super) fn replace(&mut self, column: usize, values: &DVectorView<'_, f64>) {
-        self.along.set_column(column, &(&self.directions * values));
+        self.along.set_column(column, &self.directions.tr_mul(values));
+    }
+
+    /// What of some columns that no noise has whitened lies along its directions, a row each; the columns lie as those of `w` in [`Self::new`].
+    pub(super) fn along(&self, columns: &DMatrixView<'_, f64>) -> DMatrix<f64> {
+        product(columns, &self.directions)
+    }
+
+    /// What of a column of the problem does.
+    pub(super) fn along_column(&self, column: usize) -> &[f64] {
+        &self.along.as_slice()[column * self.of_gap.len()..][..self.of_gap.len()]
+    }
+
+    /// What of the gap does.
+    pub(super) fn along_gap(&self) -> &[f64] {
+        self.of_gap.as_slice()
     }
 
     /// What it takes of the product of two columns.

@@ -206,14 +206,31 @@ impl Problem {
         self.cross.clear();
     }
 
-    /// The columns of each of some shapes, whitened.
+    /// The columns of each of some shapes, to compare beside effects that stay.
     #[must_use]
-    pub(super) fn whitened(&self, session: &Session, filter: &Filter, shapes: &[&Shape]) -> Vec<Columns> {
+    pub(super) fn columns_of(&self, session: &Session, filter: &Filter, shapes: &[&Shape]) -> Vec<Columns> {
         let width = shapes.iter().map(|s| s.width()).sum();
         let mut data = filter.mean(raw(session, &filter.members(), shapes), width);
-        self.whiten(filter, &mut data, width);
-        let mut columns = (0..width).map(|j| data.iter().skip(j).step_by(width).copied().collect());
+        filter.apply(&mut data, width);
+        let lies = DMatrixView::from_slice(&data, width, self.len());
+        let along: Vec<DMatrix<f64>> = self.joined.iter().map(|n| n.along(&lies)).collect();
+        let of_row = |m: &DMatrixView<'_, f64>, j: usize| m.row(j).iter().copied().collect::<Vec<f64>>();
+        let column = |j| {
+            let all = std::iter::once(lies).chain(along.iter().map(DMatrix::as_view));
+            all.flat_map(|m| of_row(&m, j)).collect()
+        };
+        let mut columns = (0..width).map(column);
         shapes.iter().map(|s| columns.by_ref().take(s.width()).collect()).collect()
+    }
+
+    /// Columns of the problem and the gap in the same form.
+    pub(super) fn columns_and_gap(&self, columns: &[usize]) -> (Columns, Vec<f64>) {
+        let column = |c: &usize| -> Vec<f64> {
+            let along = self.joined.iter().flat_map(|n| n.along_column(*c));
+            self.plain.w.row(*c).iter().chain(along).map(|v| v * self.unit[*c]).collect()
+        };
+        let gap = self.plain.y.iter().chain(self.joined.iter().flat_map(|n| n.along_gap()));
+        (columns.iter().map(column).collect(), gap.copied().collect())
     }
 
     /// Whitens columns, a row of `width` values per row of the problem, in place.
@@ -243,6 +260,7 @@ impl Problem {
 #[cfg(test)]
 mod tests {
     use super::super::super::noise::Random;
+    use super::super::beside::Beside;
     use super::super::low_rank::LowRank;
     use super::*;
 
@@ -288,6 +306,11 @@ mod tests {
         let other = turned(&y);
         let products = problem.products(&DMatrix::from_column_slice(N, 1, other.as_slice()));
         columns.iter().enumerate().for_each(|(c, column)| close(products[(c, 0)], column.dot(&other)));
+        problem.prepare(&[0]);
+        let beside = Beside::new(&problem, &[0]).gain(&problem.columns_and_gap(&[1, 2, 3]).0);
+        let wanted = problem.gain_beside(&[0], 1);
+        close(beside.0, wanted.0);
+        assert_eq!(beside.1, wanted.1);
         // without it everything is as before
         problem.join(Structure::default());
         problem.prepare(&[1]);

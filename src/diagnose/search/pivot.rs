@@ -137,7 +137,7 @@ fn pivoted(
 ) -> Option<(Shape, Columns)> {
     let across: Vec<usize> = (0..3).filter(|k| *k != shape.about.direction()).collect();
     let columns =
-        |shape: &forms::Angular| problem.whitened(session, filter, &[&shape.clone().into()]).remove(0);
+        |shape: &forms::Angular| problem.columns_of(session, filter, &[&shape.clone().into()]).remove(0);
     let own = columns(&shape);
     // a displacement by each term of the curve along each direction: the difference of two levers
     let differ = |k: &usize| -> Columns {
@@ -165,7 +165,7 @@ fn pivoted(
         let curve = beside.values(&all);
         let derivative = |d: &Columns| {
             let terms: Vec<_> = curve.iter().copied().zip(d).collect();
-            sum(&vec![0.0; problem.len()], &terms)
+            sum(&vec![0.0; d[0].len()], &terms)
         };
         all.extend(differences.iter().map(derivative));
         let found = beside.values(&all);

@@ -293,12 +293,20 @@ impl Problem {
         self.contribution(&mine, &values)
     }
 
-    /// Cosine of what two effects of a joint fit contribute: negative where each takes back what the other says.
+    /// Cosine of what two effects of a joint fit (prepared) contribute: negative where each takes back what the other says.
     #[must_use]
     pub fn cosine(&self, given: &Given, pair: [usize; 2]) -> f64 {
         let beta = self.fit(given);
-        let [a, b] = pair.map(|v| self.part(given, &beta, v));
-        a.dot(&b) / (a.norm() * b.norm()).max(f64::MIN_POSITIVE)
+        let of = |v: usize| beta.iter().zip(&given.columns).filter(move |(_, c)| self.columns(v).contains(c));
+        let product = |[a, b]: [usize; 2]| -> f64 {
+            let products = &self.cross[&b];
+            let with = |(of_b, d): (&f64, &usize)| {
+                of(a).map(|(of_a, c)| of_a * products[(*c, d - self.span[b].0)]).sum::<f64>() * of_b
+            };
+            of(b).map(with).sum()
+        };
+        let [a, b] = pair;
+        product(pair) / (product([a, a]) * product([b, b])).sqrt().max(f64::MIN_POSITIVE)
     }
 }
 

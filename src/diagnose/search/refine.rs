@@ -35,7 +35,9 @@ pub fn refine(
     if shape.neighbours(STEPS[0]).is_empty() {
         return;
     }
-    let beside = Beside::new(problem, &others(chosen, &[place]));
+    let others = others(chosen, &[place]);
+    problem.prepare(&others);
+    let beside = Beside::new(problem, &others);
     (.., shape) = beside.best(problem, session, filter, &shape);
     put(problem, session, filter, library, variant, shape);
 }
@@ -77,9 +79,10 @@ fn tie(
 ) {
     let variant = chosen[place];
     let others: Vec<usize> = chosen.iter().copied().filter(|v| *v != variant).collect();
+    problem.prepare(&others);
     let beside = Beside::new(problem, &others);
     let says = |problem: &Problem, shape: &Shape| {
-        let columns = problem.whitened(session, filter, &[shape]).remove(0);
+        let columns = problem.columns_of(session, filter, &[shape]).remove(0);
         (beside.gain(&columns).0, beside.values(&columns)[0])
     };
     let loose = Shape::Lag(forms::Lag::of(axes.to_vec()));
@@ -107,8 +110,7 @@ fn tie(
 /// Root of the sum of squares that some variants leave, whitened.
 fn left(problem: &mut Problem, chosen: &[usize]) -> f64 {
     let given = Selection::given(problem, chosen);
-    let said = problem.contribution(&given.columns, &problem.fit(&given));
-    (&problem.y - said).norm()
+    (problem.y.norm_squared() - given.explained).max(0.0).sqrt()
 }
 
 /// On the control's own encoders a response for each axis in the place of a common one and differences from it, where that says
