@@ -11,6 +11,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use volcomp_config::ConfigErrors;
+use volcomp_state::bounded_read::in_words;
 
 use super::Result;
 use super::numerals::micro;
@@ -66,33 +67,8 @@ impl Failure {
             // `| head`: the work ends quietly
             return Self::new(0, "");
         }
-        Self::new(EX_IOERR, format_args!("error: {}: {}", path.display(), io_text(path, error)))
+        Self::new(EX_IOERR, format_args!("error: {}: {}", path.display(), in_words(path, error)))
     }
-}
-
-/// What is wrong with a file, with the remedy.
-fn io_text(path: &Path, error: &std::io::Error) -> String {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    match (error.kind(), folder) {
-        (ErrorKind::NotFound, Some(folder)) if !folder.exists() => {
-            format!("folder {} does not exist; create it or correct the path", folder.display())
-        }
-        (ErrorKind::NotFound, _) => "no such file; check its name and the current folder".to_owned(),
-        (ErrorKind::PermissionDenied, _) => {
-            "permission denied; change the permissions or the user".to_owned()
-        }
-        (ErrorKind::IsADirectory, _) => "is a folder; name a file".to_owned(),
-        (ErrorKind::NotADirectory, Some(folder)) => {
-            format!("{} is not a folder; correct the path", folder.display())
-        }
-        _ => plain(error),
-    }
-}
-
-/// The text of an error without the number of the operating system.
-fn plain(error: &std::io::Error) -> String {
-    let text = error.to_string();
-    text.find(" (os error ").map_or_else(|| text.clone(), |at| text[..at].to_owned())
 }
 
 impl From<ConfigErrors> for Failure {

@@ -211,6 +211,9 @@ impl Control {
             return Ok(());
         }
         let mut session = LinkSession::new(config, Arc::clone(&self.model))?;
+        if let Some((_, before)) = seat {
+            session.succeed(before);
+        }
         let of_the_old = seat.as_mut().and_then(|(_, session)| session.take_tap());
         if let Some(tap) = of_the_old.or_else(|| self.channels.tap.take()) {
             session.record_to(tap, now, hello);

@@ -112,6 +112,11 @@ impl LinkSession {
         })
     }
 
+    /// Takes over from the session before what the control may hold: see [`Compensator::succeed`].
+    pub fn succeed(&mut self, before: &Self) {
+        self.engine.succeed(&before.engine);
+    }
+
     /// Frames so far that were old or repeated.
     pub(super) const fn strays(&self) -> u64 {
         self.engine.strays()

@@ -53,6 +53,32 @@ pub fn read_regular(path: &Path, limit_bytes: u64) -> io::Result<Vec<u8>> {
 /// `O_NONBLOCK`, which a regular file ignores.
 const NONBLOCK: i32 = rustix::fs::OFlags::NONBLOCK.bits() as i32;
 
+/// Why a file cannot be read or written, with the remedy.
+#[must_use]
+pub fn in_words(path: &Path, error: &io::Error) -> String {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match (error.kind(), folder) {
+        (ErrorKind::NotFound, Some(folder)) if !folder.exists() => {
+            format!("folder {} does not exist; create it or correct the path", folder.display())
+        }
+        (ErrorKind::NotFound, _) => "no such file; check its name and the current folder".to_owned(),
+        (ErrorKind::PermissionDenied, _) => {
+            "permission denied; change the permissions or the user".to_owned()
+        }
+        (ErrorKind::IsADirectory, _) => "is a folder; name a file".to_owned(),
+        (ErrorKind::NotADirectory, Some(folder)) => {
+            format!("{} is not a folder; correct the path", folder.display())
+        }
+        _ => plain(error),
+    }
+}
+
+/// The text of an error without the number of the operating system.
+fn plain(error: &io::Error) -> String {
+    let text = error.to_string();
+    text.find(" (os error ").map_or_else(|| text.clone(), |at| text[..at].to_owned())
+}
+
 fn read_limited(file: &File, about: &Metadata, limit_bytes: u64) -> io::Result<Vec<u8>> {
     let refused = |found: String| {
         let text = format!("{found}, the limit is {limit_bytes} bytes ({})", binary(limit_bytes));

@@ -5,7 +5,7 @@ mod additions;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX, read_bounded};
+use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX, in_words, read_bounded};
 
 pub use additions::with_additions;
 
@@ -42,7 +42,7 @@ pub struct Loaded {
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// A file could not be read.
-    #[error("error: {}: {source}", path.display())]
+    #[error("error: {}: {}", path.display(), in_words(path, source))]
     Read {
         /// The file.
         path: PathBuf,
@@ -51,8 +51,8 @@ pub enum LoadError {
     },
     /// The model that the machine file names could not be read.
     #[error(
-        "error: {}: model {}: {source}\n  hint: `model` is taken relative to the machine file",
-        config.display(), path.display()
+        "error: {}: model {}: {}\n  hint: `model` is taken relative to the machine file",
+        config.display(), path.display(), in_words(path, source)
     )]
     ReadModel {
         /// The machine file.
@@ -64,8 +64,8 @@ pub enum LoadError {
     },
     /// An addition that the machine file names could not be read.
     #[error(
-        "error: {}: addition {}: {source}\n  hint: `additions` are taken relative to the machine file",
-        config.display(), path.display()
+        "error: {}: addition {}: {}\n  hint: `additions` are taken relative to the machine file",
+        config.display(), path.display(), in_words(path, source)
     )]
     ReadAddition {
         /// The machine file.

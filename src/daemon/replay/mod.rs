@@ -182,7 +182,10 @@ impl Replay {
         let session = engine
             .and_then(|engine| LinkSession::new(&engine, Arc::clone(&self.model)).map_err(|e| e.to_string()));
         match session {
-            Ok(session) => {
+            Ok(mut session) => {
+                if let Some(before) = &self.session {
+                    session.succeed(before);
+                }
                 self.axes = hello.used_axes().iter().map(|axis| axis.name).collect();
                 self.session = Some(session);
             }

@@ -136,16 +136,19 @@ fn pivoted(
     mut shape: forms::Angular,
 ) -> Option<(Shape, Columns)> {
     let across: Vec<usize> = (0..3).filter(|k| *k != shape.about.direction()).collect();
-    let columns =
-        |shape: &forms::Angular| problem.columns_of(session, filter, &[&shape.clone().into()]).remove(0);
-    let own = columns(&shape);
-    // a displacement by each term of the curve along each direction: the difference of two levers
-    let differ = |k: &usize| -> Columns {
+    let moved_to = |k: &usize| {
         let mut moved = shape.clone();
         moved.lever.home_mm[*k] += STEP_MM;
-        columns(&moved).iter().zip(&own).map(|(m, o)| sum(m, &[(-1.0, o)])).collect()
+        Shape::from(moved)
     };
-    let differences: Vec<Columns> = across.iter().map(differ).collect();
+    let shapes: Vec<Shape> =
+        std::iter::once(shape.clone().into()).chain(across.iter().map(moved_to)).collect();
+    let mut columns = problem.columns_of(session, filter, &shapes.iter().collect::<Vec<_>>()).into_iter();
+    let own = columns.next()?;
+    // a displacement by each term of the curve along each direction: the difference of two levers
+    let differ =
+        |moved: Columns| -> Columns { moved.iter().zip(&own).map(|(m, o)| sum(m, &[(-1.0, o)])).collect() };
+    let differences: Vec<Columns> = columns.map(differ).collect();
     let all: Columns = own.iter().chain(differences.iter().flatten()).cloned().collect();
     let found = beside.values(&all);
     let (curve, shifts) = found.split_at(own.len());

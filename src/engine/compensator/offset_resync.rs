@@ -188,15 +188,29 @@ impl Compensator {
         self.found = *found;
     }
 
-    /// Extends the range of the offsets of this link by the present one, where it is not the one that was found.
+    /// Extends the range of the offsets of this link by the present one, where it has moved out from the one that was found: on the way
+    /// back from there it may still be beyond everything that was ever wanted.
     pub(super) fn note_reach(&mut self) {
         let offset = self.offset();
         let Some(reach) = &mut self.reach else { return };
         for (k, [low, high]) in reach.iter_mut().enumerate() {
-            if offset[k] != self.found[k] {
-                (*low, *high) = (low.min(offset[k]), high.max(offset[k]));
+            if offset[k] > self.found[k] {
+                *high = high.max(offset[k]);
+            } else if offset[k] < self.found[k] {
+                *low = low.min(offset[k]);
             }
         }
+    }
+
+    /// Takes over from the engine before what the control may hold, axis by axis: a control that comes back with another hello is
+    /// still the one that holds it. Anything of an axis that it did not have.
+    pub fn succeed(&mut self, before: &Self) {
+        let Some(reach) = before.reach else { return };
+        let of = |k: usize| {
+            let name = self.config.axes.get(k)?;
+            before.config.axes.iter().position(|known| known == name).map(|at| reach[at])
+        };
+        self.reach = Some(core::array::from_fn(|k| of(k).unwrap_or([f64::NEG_INFINITY, f64::INFINITY])));
     }
 
     /// The largest offset of axis `k` that is believed, mm or rad.

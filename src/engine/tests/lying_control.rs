@@ -236,19 +236,44 @@ fn a_stop_after_such_a_fault_ends_at_once() {
 fn a_read_back_off_by_less_than_the_tolerance_does_not_creep_from_link_to_link() {
     let config = config();
     let [tolerance, bias] = [1.0, 0.8].map(|share| share * config.read_back_tolerance[0]);
-    let mut w = World::new(&config);
-    w.engine.on_command(MonoTime::ZERO, Command::Enable);
-    let mut real = x_only(0.0);
-    for _ in 0..100 {
-        w.new_link();
-        // too few to be settled: the offset is kept where it was found
-        for _ in 0..6 {
-            w.lost_cycles(1);
-            w.frame.applied = x_only(real[0] + bias);
-            if let Some(out) = w.engine.on_position(w.now, &w.frame, &w.model) {
-                real = out.offset;
+    // too few frames to be settled: the offset is kept where it was found; a few more, and it is led back by less than that
+    for (frames, sign) in [(6, 1.0), (11, 1.0), (13, -1.0), (20, 1.0), (20, -1.0)] {
+        let mut w = World::new(&config);
+        w.engine.on_command(MonoTime::ZERO, Command::Enable);
+        let mut real = x_only(0.0);
+        let mut most = 0.0_f64;
+        for _ in 0..200 {
+            w.new_link();
+            for _ in 0..frames {
+                w.lost_cycles(1);
+                w.frame.applied = x_only(sign * bias + real[0]);
+                if let Some(out) = w.engine.on_position(w.now, &w.frame, &w.model) {
+                    real = out.offset;
+                    most = most.max(sign * real[0]);
+                }
             }
         }
+        // the model asks for -10 um
+        let wanted = if sign < 0.0 { 0.010 } else { 0.0 };
+        assert!(most <= wanted + 2.0 * tolerance, "{frames} frames a link: {most} mm");
     }
-    assert!(real[0].abs() <= 2.0 * tolerance, "{} tolerances", real[0] / tolerance);
+}
+
+#[test]
+fn a_control_that_comes_back_with_another_hello_is_believed_no_more() {
+    // -10 um of X stand at the third place now
+    for (place, is_believed) in [(2, true), (0, false)] {
+        let mut w = World::active(&config());
+        let swapped = EngineConfig { axes: config().axes.into_iter().rev().collect(), ..config() };
+        let before = core::mem::replace(&mut w.engine, Compensator::new(&swapped, &w.model).unwrap());
+        w.engine.succeed(&before);
+        w.new_link();
+        let mut held = [0.0; MAX_AXES];
+        held[place] = -0.010;
+        assert_eq!(
+            (w.reports(held).is_some(), w.engine.is_silenced()),
+            (is_believed, !is_believed),
+            "{place}"
+        );
+    }
 }
