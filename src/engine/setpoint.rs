@@ -165,7 +165,8 @@ impl SetpointGenerator {
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
             if wire < MAX_AXES {
                 let scale = self.scale[wire];
-                pose.position[k] = (position[wire] + speed[wire] * ahead_s) * scale;
+                let (at, way) = (position[wire] * scale, speed[wire] * ahead_s * scale);
+                pose.position[k] = within_travel(at, way, model.travel(k), config.limits[wire].size);
                 pose.spread[k] = (speed[wire] * unsure_s * scale).abs();
                 pose.travel[k] = input.travel()[wire];
             }
@@ -292,6 +293,15 @@ impl SetpointGenerator {
                 target.at_soft_limit |= 1 << k;
             }
         }
+    }
+}
+
+/// Where an axis at `at` that goes on by `way` is expected: it stops at the end of its travel, beyond which it stands by its offset,
+/// at most `size`, at most. One that is farther out is where it is.
+fn within_travel(at: f64, way: f64, travel: Option<[f64; 2]>, size: f64) -> f64 {
+    match travel {
+        Some([low, high]) if at >= low - size && at <= high + size => (at + way).max(low).min(high),
+        _ => at + way,
     }
 }
 

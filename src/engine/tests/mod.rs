@@ -558,6 +558,21 @@ fn beyond_the_travel_is_held_and_flagged_or_ramped_out() {
 }
 
 #[test]
+fn an_axis_that_runs_to_the_end_of_its_travel_is_not_beyond_it() {
+    let mut w = World::active(&EngineConfig { out_of_travel: OutOfTravel::RampOut, ..config() });
+    for cycle in 1..=1100 {
+        w.frame.commanded[0] = (100.0 + 0.4 * f64::from(cycle)).min(500.0);
+        let out = w.cycle();
+        assert_eq!((out.state, out.out_of_travel), (State::Active, 0), "at {}", w.frame.commanded[0]);
+    }
+    for (beyond, is_outside) in [(0.002, false), (0.049, false), (0.051, true)] {
+        w.frame.commanded[0] = 500.0 + beyond;
+        let out = w.run(20);
+        assert_eq!(out.out_of_range == 1, is_outside, "{beyond} mm beyond");
+    }
+}
+
+#[test]
 fn wire_units_of_rotary_axes_are_degrees() {
     let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z C A t]").unwrap());
     spec.tool_tip.z = -100.0;
