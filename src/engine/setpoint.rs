@@ -166,6 +166,7 @@ impl SetpointGenerator {
             if wire < MAX_AXES {
                 let scale = self.scale[wire];
                 let (at, way) = (position[wire] * scale, speed[wire] * ahead_s * scale);
+                pose.fixed |= u16::from(config.limits[wire].size <= 0.0) << k;
                 pose.position[k] = within_travel(at, way, model.travel(k), config.limits[wire].size);
                 pose.spread[k] = (speed[wire] * unsure_s * scale).abs();
                 pose.travel[k] = input.travel()[wire];

@@ -52,15 +52,15 @@ impl Model {
     pub fn correct(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
         if !self.rotary {
             let deviation = self.deviation_without_rotation(pose);
-            return (deviation, self.oppose_without_rotation(&deviation));
+            return (deviation, self.oppose_without_rotation(pose, &deviation));
         }
         let nominal = self.nominal(pose);
         let deviation = self.deviation_at(&nominal, pose);
-        (deviation, self.oppose(&nominal, &deviation))
+        (deviation, self.oppose(&nominal, pose, &deviation))
     }
 
     /// Where no axis turns, X Y Z act along x y z: the correction is the deviation with its sign changed.
-    fn oppose_without_rotation(&self, deviation: &Deviation) -> AxisCorrection {
+    fn oppose_without_rotation(&self, pose: &Pose, deviation: &Deviation) -> AxisCorrection {
         let mut out = AxisCorrection {
             offset: [0.0; MAX_AXES],
             residual: deviation.position,
@@ -68,7 +68,7 @@ impl Model {
             singular: 0,
         };
         for (k, joint) in self.joints.iter().enumerate() {
-            if matches!(joint.axis.name, AxisName::X | AxisName::Y | AxisName::Z) {
+            if joint.moves_tip() && !pose.is_fixed(k) {
                 let direction = joint.axis.name.direction();
                 out.offset[k] = -deviation.position[direction];
                 out.residual[direction] = 0.0;
@@ -81,39 +81,40 @@ impl Model {
     #[must_use]
     pub fn correct_exact(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
         let deviation = self.deviation_exact(pose);
-        (deviation, self.oppose(&self.nominal(pose), &deviation))
+        (deviation, self.oppose(&self.nominal(pose), pose, &deviation))
     }
 
     /// The corrections that oppose a deviation at `pose` that was found elsewhere, first order. Not for the cycle.
     #[must_use]
     pub fn opposing(&self, pose: &Pose, deviation: &Deviation) -> AxisCorrection {
         if self.rotary {
-            self.oppose(&self.nominal(pose), deviation)
+            self.oppose(&self.nominal(pose), pose, deviation)
         } else {
-            self.oppose_without_rotation(deviation)
+            self.oppose_without_rotation(pose, deviation)
         }
     }
 
-    fn oppose(&self, nominal: &Nominal, deviation: &Deviation) -> AxisCorrection {
+    fn oppose(&self, nominal: &Nominal, pose: &Pose, deviation: &Deviation) -> AxisCorrection {
         let mut out = AxisCorrection {
             offset: [0.0; MAX_AXES],
             residual: deviation.position,
             residual_tilt: Vec3::zeros(),
             singular: 0,
         };
-        self.turn_back(nominal, deviation, &mut out);
-        self.bring_back(nominal, &mut out);
+        self.turn_back(nominal, pose, deviation, &mut out);
+        self.bring_back(nominal, pose, &mut out);
         out
     }
 
     /// Rotary axes: `[w_k x a] d = -theta x a` by least squares, with the singularity guard.
-    fn turn_back(&self, nominal: &Nominal, deviation: &Deviation, out: &mut AxisCorrection) {
+    fn turn_back(&self, nominal: &Nominal, pose: &Pose, deviation: &Deviation, out: &mut AxisCorrection) {
         let tool = nominal.left[self.joints.len()] * unit(2);
         out.residual_tilt = deviation.rotation.cross(&tool);
         let mut levers = [Lever { index: 0, effect: Vec3::zeros(), limit: 0.0 }; 2];
         let mut used = 0;
         for (k, joint) in self.joints.iter().enumerate() {
-            if joint.axis.kind() == AxisKind::Rotary && !joint.axis.spindle && used < 2 {
+            let turns = joint.axis.kind() == AxisKind::Rotary && !joint.axis.spindle;
+            if turns && !pose.is_fixed(k) && used < 2 {
                 let about = nominal.left[k] * unit(joint.axis.name.direction());
                 levers[used] = Lever { index: k, effect: about.cross(&tool), limit: joint.correction_limit };
                 used += 1;
@@ -157,12 +158,12 @@ impl Model {
     }
 
     /// Linear axes X Y Z: least squares on the directions that the chain has.
-    fn bring_back(&self, nominal: &Nominal, out: &mut AxisCorrection) {
+    fn bring_back(&self, nominal: &Nominal, pose: &Pose, out: &mut AxisCorrection) {
         let mut effects = Mat3::zeros();
         let mut indices = [None; 3];
         for (k, joint) in self.joints.iter().enumerate() {
             let slot = joint.axis.name.direction();
-            if matches!(joint.axis.name, AxisName::X | AxisName::Y | AxisName::Z) {
+            if joint.moves_tip() && !pose.is_fixed(k) {
                 effects.set_column(slot, &(nominal.left[k] * unit(slot)));
                 indices[slot] = Some(k);
             }
@@ -254,6 +255,42 @@ mod tests {
         }
         assert_eq!(reached, [true; 2]);
         assert!(largest > 0.9 * ROTARY_CORRECTION_LIMIT && largest <= ROTARY_CORRECTION_LIMIT, "{largest}");
+    }
+
+    #[test]
+    fn what_a_fixed_axis_does_not_correct_the_others_bring_back() {
+        let mut spec = ModelSpec::new("head", Chain::parse("[w b X Y Z C A (S) t]").unwrap());
+        spec.tool_tip = Vec3::new(0.0, 0.0, -500.0);
+        for (symbol, value) in [("ea0c", 6e-5), ("eb0a", 9e-5), ("eyx", 0.02)] {
+            let function = ErrorFunction::single(Curve::Constant(value));
+            spec.errors.push((ErrorSymbol::parse(symbol).unwrap(), function));
+        }
+        let model = Model::new(&spec).unwrap();
+        let free = Pose::at([100.0, 50.0, -20.0, 0.4, 0.6, 0.0, 0.0, 0.0]);
+        // rotary axes that are never offset leave the tilt, the tip is where it should be
+        let fixed = Pose { fixed: 0b1_1000, ..free };
+        let (_, turned) = model.correct(&free);
+        let (deviation, correction) = model.correct(&fixed);
+        assert!(turned.offset[3].abs() > 1e-5 && turned.residual.norm() < 1e-12);
+        assert_eq!(correction.offset[3..5], [0.0, 0.0]);
+        assert!(correction.residual.norm() < 1e-12 && correction.residual_tilt.norm() > 1e-5);
+        assert!((0..3).all(|k| (correction.offset[k] + deviation.position[k]).abs() < 1e-12));
+        // a linear one leaves what it alone moves
+        for spec in [spec, no_rotary()] {
+            let model = Model::new(&spec).unwrap();
+            let (deviation, correction) = model.correct(&Pose { fixed: 0b1_1010, ..free });
+            assert_eq!(correction.offset[1], 0.0);
+            assert!(
+                (correction.residual.y - deviation.position.y).abs() < 1e-12 && deviation.position.y != 0.0
+            );
+            assert!(correction.residual.x.abs() < 1e-12 && correction.residual.z.abs() < 1e-12);
+        }
+    }
+
+    fn no_rotary() -> ModelSpec {
+        let mut spec = ModelSpec::new("mill", Chain::parse("[w b X Y Z t]").unwrap());
+        spec.errors.push((ErrorSymbol::parse("eyx").unwrap(), ErrorFunction::single(Curve::Constant(0.02))));
+        spec
     }
 
     #[test]

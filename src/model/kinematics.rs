@@ -34,6 +34,8 @@ pub struct Pose {
     pub dynamic: Option<[f64; DYNAMIC_MAX]>,
     /// Distance by which each position may be off, mm or rad: harmonics too short for it fade. Zero: all in full.
     pub spread: AxisArray,
+    /// Bit k: axis k is never offset; what it would correct is left to the others, or stays.
+    pub fixed: u16,
 }
 
 impl Pose {
@@ -47,7 +49,13 @@ impl Pose {
             live: [0.0; SENSORS_MAX],
             dynamic: None,
             spread: [0.0; MAX_AXES],
+            fixed: 0,
         }
+    }
+
+    /// True where axis `index` is never offset.
+    pub(crate) const fn is_fixed(&self, index: usize) -> bool {
+        self.fixed >> index & 1 == 1
     }
 }
 
@@ -428,6 +436,11 @@ impl Model {
 }
 
 impl Joint {
+    /// True for X, Y and Z, which bring the tool tip back.
+    pub(super) const fn moves_tip(&self) -> bool {
+        matches!(self.axis.name, AxisName::X | AxisName::Y | AxisName::Z)
+    }
+
     fn new(axis: ChainAxis, spec: &ModelSpec, sensors: &[String], dynamics: &mut Vec<AxisTerm>) -> Self {
         let entry = spec.axis(axis.name);
         let function = |wanted: ErrorSymbol| spec.error(wanted).cloned().unwrap_or_default();

@@ -13,7 +13,7 @@ mod lex;
 use core::fmt::Write as _;
 
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{Model, Pose};
+use volcomp_model::{AxisCorrection, Model, Pose};
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES, Travel};
 use volcomp_units::{arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
 
@@ -302,9 +302,10 @@ impl Run<'_> {
     fn at(&self, programmed: &AxisArray) -> At {
         let mut pose = Pose::at(core::array::from_fn(|k| programmed[k] + self.request.work_offset[k]));
         pose.travel = self.travel;
-        let (deviation, correction) = self.request.model.correct(&pose);
-        let offset: AxisArray =
-            core::array::from_fn(|k| if self.request.corrected[k] { correction.offset[k] } else { 0.0 });
+        for (k, corrected) in self.request.corrected.iter().enumerate() {
+            pose.fixed |= u16::from(!corrected) << k;
+        }
+        let (deviation, AxisCorrection { offset, .. }) = self.request.model.correct(&pose);
         let there = |pose: &Pose| self.request.model.nominal_tool(pose).tip;
         let moved = Pose { position: core::array::from_fn(|k| pose.position[k] + offset[k]), ..pose };
         let held = deviation.flags.out_of_range;
