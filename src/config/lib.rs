@@ -46,17 +46,12 @@ pub enum FileKind {
 /// # Errors
 /// No TOML, no `format`, or one that is not known.
 pub fn kind_of_file(file: &str, text: &str) -> Result<FileKind, ConfigErrors> {
-    let text = reader::without_mark(text);
-    let document = reader::document(file, text)?;
-    let reader = reader::Reader::default();
-    let top = Section::top(&reader, &document);
     let (machine, model) = (machine::FORMAT, model::FORMAT);
-    top.require("format", &format!("add format = \"{machine}\" or format = \"{model}\" as the first line"));
-    let kinds = [(machine, FileKind::Machine), (model, FileKind::Model)];
-    match top.choice("format", &kinds) {
-        Some(kind) => Ok(kind),
-        None => Err(reader.into_errors(file, text)),
-    }
+    let remedy = format!("add format = \"{machine}\" or format = \"{model}\" as the first line");
+    reader::read_file(file, text, |top, _| {
+        top.require("format", &remedy)?;
+        top.choice("format", &[(machine, FileKind::Machine), (model, FileKind::Model)])
+    })
 }
 
 /// Checks `format`; false where the file is of another format, so that nothing else in it can be judged.
@@ -71,11 +66,7 @@ fn read_format(top: &Section<'_>, expected: &str) -> bool {
         model::FORMAT => "this is a model file; the machine file is the one that names it".to_owned(),
         _ => format!("this program reads \"{expected}\""),
     };
-    top.report(Diagnostic::at(
-        found.place,
-        format!("format is \"{}\", not \"{expected}\"", found.value),
-        remedy,
-    ));
+    top.report_at(found.place, format!("format is \"{}\", not \"{expected}\"", found.value), remedy);
     false
 }
 
@@ -92,12 +83,7 @@ fn read_machine_id<'r>(top: &Section<'r>) -> Option<Placed<&'r str>> {
         }
         _ => return Some(id),
     };
-    top.report(Diagnostic::at(
-        id.place,
-        wrong,
-        format!("write the id that the control announces, 1 to {limit} bytes"),
-    ));
-    None
+    top.refuse(id.place, wrong, format!("write the id that the control announces, 1 to {limit} bytes"))
 }
 
 /// The axis of a key: one lower-case letter.
@@ -117,7 +103,7 @@ fn axis_of_key(axes: &Section<'_>, name: &Placed<&str>) -> Option<AxisName> {
         } else {
             "expected one of x y z u v w a b c s".to_owned()
         };
-        axes.report(Diagnostic::at(name.place.clone(), format!("unknown axis axes.{}", name.value), remedy));
+        axes.report_at(name.place.clone(), format!("unknown axis axes.{}", name.value), remedy);
     }
     axis
 }

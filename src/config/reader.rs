@@ -107,13 +107,13 @@ pub struct Key {
 
 /// Collects what is wrong and which keys were asked for.
 #[derive(Debug, Default)]
-pub(super) struct Reader {
+struct Reader {
     found: RefCell<Vec<Diagnostic>>,
     keys: RefCell<BTreeMap<String, Key>>,
 }
 
 impl Reader {
-    pub(super) fn report(&self, diagnostic: Diagnostic) {
+    fn report(&self, diagnostic: Diagnostic) {
         let mut found = self.found.borrow_mut();
         if found.len() < FOUND_MAX {
             found.push(diagnostic);
@@ -128,19 +128,39 @@ impl Reader {
     pub(super) fn is_clean(&self) -> bool {
         self.found.borrow().is_empty()
     }
+}
 
-    pub(super) fn into_errors(self, file: &str, text: &str) -> ConfigErrors {
-        ConfigErrors::new(file, text, self.found.into_inner())
-    }
-
-    /// Every key asked for so far, as `section.key`.
-    pub(super) fn keys(&self) -> BTreeMap<String, Key> {
-        self.keys.borrow().clone()
+/// What `read` makes of a file and its text, or everything that is wrong in it.
+pub(super) fn read_file<T>(
+    file: &str,
+    text: &str,
+    read: impl FnOnce(&Section<'_>, &str) -> Option<T>,
+) -> Result<T, ConfigErrors> {
+    let text = without_mark(text);
+    let document = document(file, text)?;
+    let reader = Reader::default();
+    match read(&Section::top(&reader, &document), text) {
+        Some(found) if reader.is_clean() => Ok(found),
+        _ => Err(ConfigErrors::new(file, text, reader.found.into_inner())),
     }
 }
 
+/// Every key that `read` asks for in the samples, as `section.key`.
+pub(super) fn keys_of<T>(
+    samples: &[&str],
+    read: impl Fn(&Section<'_>, &str) -> Option<T>,
+) -> BTreeMap<String, Key> {
+    let reader = Reader::default();
+    for text in samples {
+        if let Ok(document) = document("", text) {
+            read(&Section::top(&reader, &document), text);
+        }
+    }
+    reader.keys.into_inner()
+}
+
 /// The text without the byte order mark that some editors put first.
-pub(super) fn without_mark(text: &str) -> &str {
+fn without_mark(text: &str) -> &str {
     text.strip_prefix('\u{feff}').unwrap_or(text)
 }
 
@@ -151,7 +171,7 @@ const RECOVERED_MAX: usize = 256 << 10;
 const FOUND_MAX: usize = 1000;
 
 /// The document, or every mistake in its syntax.
-pub(super) fn document<'t>(file: &str, text: &'t str) -> Result<DeTable<'t>, ConfigErrors> {
+fn document<'t>(file: &str, text: &'t str) -> Result<DeTable<'t>, ConfigErrors> {
     let (table, errors) = if text.len() <= RECOVERED_MAX {
         DeTable::parse_recoverable(text)
     } else {
@@ -215,7 +235,7 @@ pub(super) struct Section<'r> {
 }
 
 impl<'r> Section<'r> {
-    pub(super) fn top(reader: &'r Reader, table: &'r DeTable<'r>) -> Self {
+    fn top(reader: &'r Reader, table: &'r DeTable<'r>) -> Self {
         Self {
             reader,
             path: String::new(),
@@ -241,6 +261,21 @@ impl<'r> Section<'r> {
         self.place.clone()
     }
 
+    pub(super) fn report_at(&self, at: Range<usize>, message: impl Into<String>, remedy: impl Into<String>) {
+        self.report(Diagnostic::at(at, message, remedy));
+    }
+
+    /// Reports a mistake for which a value is missing.
+    pub(super) fn refuse<T>(
+        &self,
+        at: Range<usize>,
+        message: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Option<T> {
+        self.report_at(at, message, remedy);
+        None
+    }
+
     /// Reports at the section's name.
     pub(super) fn report_here(&self, message: impl Into<String>, remedy: impl Into<String>) {
         self.report(Diagnostic { span: self.place(), message: message.into(), remedy: Some(remedy.into()) });
@@ -257,6 +292,22 @@ impl<'r> Section<'r> {
         let found = self.table.and_then(|t| t.get_key_value(key));
         let table = found.and_then(|(k, v)| self.as_table(key, k.span(), v.get_ref()));
         self.below(key, table, found.map(|(k, _)| k.span()))
+    }
+
+    /// Reads a table below this one to its end: a key in it that `read` does not ask for is unknown.
+    pub(super) fn read<T>(&self, key: &'static str, read: impl FnOnce(&Section<'r>) -> T) -> T {
+        self.section(key).whole_by(read)
+    }
+
+    /// Reads every table of a key to its end.
+    pub(super) fn read_all<T>(&self, key: &'static str, mut read: impl FnMut(&Section<'r>) -> T) -> Vec<T> {
+        self.sections(key).iter().map(|part| part.whole_by(&mut read)).collect()
+    }
+
+    fn whole_by<T>(&self, read: impl FnOnce(&Self) -> T) -> T {
+        let found = read(self);
+        self.finish();
+        found
     }
 
     /// The names written in this section, in the order of the text: for tables whose keys are data (axes, errors).
@@ -305,16 +356,13 @@ impl<'r> Section<'r> {
     }
 
     fn as_table(&self, key: &str, place: Range<usize>, value: &'r DeValue<'r>) -> Option<&'r DeTable<'r>> {
-        let table = value.as_table();
-        if table.is_none() {
-            let found = kind_of(value);
-            self.report(Diagnostic::at(
+        value.as_table().or_else(|| {
+            self.refuse(
                 place,
-                format!("{} must be a table, found {found}", self.named_key(key)),
-                format!("write a heading [{}{key}] and its keys below it", self.prefix()),
-            ));
-        }
-        table
+                format!("{} must be a table, found {}", self.named_key(key), kind_of(value)),
+                format!("write a heading [{}] and its keys below it", self.named_key(key)),
+            )
+        })
     }
 
     fn prefix(&self) -> String {
@@ -348,12 +396,6 @@ impl<'r> Section<'r> {
     }
 
     /// The same for a key that is known already.
-    fn shape_of(&self, key: &str, shape: Shape) {
-        if let Some(row) = self.reader.keys.borrow_mut().get_mut(&self.named_key(key)) {
-            row.shape = shape;
-        }
-    }
-
     /// A number, or its default where it is not written or wrong.
     pub(super) fn number_or(&self, key: &'static str, allowed: Allowed, default: f64) -> f64 {
         self.note(key, |row| row.default = Some(default));
@@ -374,8 +416,7 @@ impl<'r> Section<'r> {
             .iter()
             .any(|n| n.value != key && stem(n.value) == stem(key) && !self.asked.borrow().contains(&n.value));
         if !disguised {
-            let message = format!("{} is missing", self.named_key(key));
-            self.report(Diagnostic { span: self.place(), message, remedy: Some(remedy.to_owned()) });
+            self.report_here(format!("{} is missing", self.named_key(key)), remedy);
         }
     }
 

@@ -36,7 +36,6 @@ pub(super) fn read_mqtt(mqtt: &Section<'_>) -> Option<MqttConfig> {
     let topic = read_topic(mqtt);
     let text = |key| mqtt.text(key).map(|t| t.value).filter(|t| !t.is_empty());
     let (user, password_file) = (text("user").map(str::to_owned), text("password-file").map(PathBuf::from));
-    mqtt.finish();
     Some(MqttConfig { broker: broker?, topic, interval_s, user, password_file })
 }
 
@@ -49,21 +48,20 @@ fn read_broker(mqtt: &Section<'_>, plain_remote: bool) -> Option<(String, u16)> 
         known.then(|| (bare.to_owned(), port))
     });
     let Some((host, port)) = parts else {
-        mqtt.report(Diagnostic::at(
+        return mqtt.refuse(
             text.place,
             format!("mqtt.broker \"{}\" is not a host with a port from 1 to 65535", text.value),
             "write a name or number and a port, for example \"127.0.0.1:1883\"; \"\" publishes nowhere",
-        ));
-        return None;
+        );
     };
     let here = host == "localhost" || host.parse::<IpAddr>().is_ok_and(is_this_computer);
     if !here && !plain_remote {
-        mqtt.report(Diagnostic::at(
+        mqtt.report_at(
             text.place,
             format!("mqtt.broker {host}:{port} is another computer, and the connection is not encrypted"),
             "use a broker on this computer that forwards over TLS (a bridge); or plain-remote = true where everybody on \
              that network may see the state of the machine and the password",
-        ));
+        );
     }
     Some((host, port))
 }
@@ -74,21 +72,18 @@ fn read_topic(mqtt: &Section<'_>) -> Option<String> {
         || text.value.starts_with(['/', '$'])
         || text.value.ends_with('/');
     if bad || text.value.len() > 200 {
-        mqtt.report(Diagnostic::at(
+        return mqtt.refuse(
             text.place,
             format!("mqtt.topic \"{}\" is not a topic", text.value),
             "write levels without wildcards, at most 200 bytes, for example \"plant-2/cell-7/volcomp\"",
-        ));
-        return None;
+        );
     }
     Some(text.value.to_owned())
 }
 
 pub(super) fn read_mtconnect(mtconnect: &Section<'_>) -> MtconnectConfig {
     let plain_remote = mtconnect.flag("plain-remote").unwrap_or(false);
-    let listen = read_listen(mtconnect, plain_remote, "7872", "SHDR has");
-    mtconnect.finish();
-    MtconnectConfig { listen }
+    MtconnectConfig { listen: read_listen(mtconnect, plain_remote, "7872", "SHDR has") }
 }
 
 #[cfg(test)]

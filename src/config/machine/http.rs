@@ -35,7 +35,6 @@ pub(super) fn read_http(http: &Section<'_>) -> HttpConfig {
             "listen on 127.0.0.1 and forward by ssh or a reverse proxy with TLS; or leave token-file out, for a page that can only be read",
         );
     }
-    http.finish();
     HttpConfig { listen, plain_remote, hosts, token_file, verification }
 }
 
@@ -50,19 +49,18 @@ pub(super) fn read_listen(
     let text = section.text("listen").filter(|text| !text.value.is_empty())?;
     let key = section.named_key("listen");
     let Some(address) = text.value.parse::<SocketAddr>().ok().filter(|address| address.port() != 0) else {
-        section.report(Diagnostic::at(
+        return section.refuse(
             text.place,
             format!("{key} \"{}\" is not an address with a port from 1 to 65535", text.value),
             format!("write a number of this computer and a port, for example \"127.0.0.1:{example}\" or \"[::1]:{example}\"; \"\" listens nowhere"),
-        ));
-        return None;
+        );
     };
     if !plain_remote && !is_this_computer(address.ip()) {
-        section.report(Diagnostic::at(
+        section.report_at(
             text.place,
             format!("{key} {address} serves other computers, and {lacks} neither authentication nor encryption"),
             "listen on 127.0.0.1 and forward by ssh or a reverse proxy; or plain-remote = true where everybody on that network may see the state of the machine",
-        ));
+        );
     }
     Some(address)
 }
@@ -71,18 +69,14 @@ fn read_hosts(http: &Section<'_>) -> Vec<String> {
     let Some(hosts) = http.texts("hosts") else { return Vec::new() };
     if hosts.value.len() > HOSTS_MAX {
         let message = format!("http.hosts has {} names, the limit is {HOSTS_MAX}", hosts.value.len());
-        http.report(Diagnostic::at(
-            hosts.place,
-            message,
-            "keep the names by which browsers address the page",
-        ));
+        http.report_at(hosts.place, message, "keep the names by which browsers address the page");
     }
     for host in hosts.value.iter().filter(|host| !is_host(host.value)) {
-        http.report(Diagnostic::at(
+        http.report_at(
             host.place.clone(),
             format!("http.hosts \"{}\" is not a name of a host", host.value),
             "write a name without scheme and port, for example \"cell-7.shop\"",
-        ));
+        );
     }
     hosts.value.iter().map(|host| host.value.to_ascii_lowercase()).collect()
 }

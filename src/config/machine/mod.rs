@@ -322,13 +322,8 @@ pub struct AxisList(pub Vec<AxisName>);
 
 impl fmt::Display for AxisList {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, axis) in self.0.iter().enumerate() {
-            if i > 0 {
-                f.write_str(" ")?;
-            }
-            write!(f, "{axis}")?;
-        }
-        Ok(())
+        let names: Vec<String> = self.0.iter().map(AxisName::to_string).collect();
+        f.write_str(&names.join(" "))
     }
 }
 
@@ -421,7 +416,7 @@ impl MachineConfig {
     /// # Errors
     /// Every mistake found, each with its place.
     pub fn parse(file: &str, text: &str) -> Result<Self, ConfigErrors> {
-        read::parse(file, text)
+        crate::reader::read_file(file, text, |top, _| read::read(top))
     }
 
     /// The engine's configuration for a control that announced itself with `hello`: settings in its wire order.

@@ -11,23 +11,12 @@ use super::{
     NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 use crate::diagnostic::figure;
-use crate::reader::{self, Key, Reader};
+use crate::reader::{self, Key};
 use volcomp_engine::{
     AfterLoss, AxisLimits, EngineConfig, LAG_CYCLES_MAX, Lag, LimitTime, OutOfTravel, PositionSource,
     RestOffset,
 };
 use volcomp_units::axes::MAX_AXES;
-
-pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
-    let text = reader::without_mark(text);
-    let document = reader::document(file, text)?;
-    let reader = Reader::default();
-    let config = read(&Section::top(&reader, &document));
-    match config {
-        Some(config) if reader.is_clean() => Ok(config),
-        _ => Err(reader.into_errors(file, text)),
-    }
-}
 
 /// The key table of machine files, by `section.key`; `axes.x` stands for any linear, `axes.c` for any rotary axis.
 #[must_use]
@@ -38,45 +27,40 @@ pub fn known_keys() -> BTreeMap<String, Key> {
         "machine = \"m\"\nmodel = \"m\"\naxes = {x = {}}\nlink.tls = {ca = \"\", certificate = \"\", key = \"\"}\n\
          sensor = [{name = \"a\"}]\nmap = [{name = \"m\", x-mm = [0], y-mm = [0], z-mm = [0]}]",
     ];
-    let reader = Reader::default();
-    for sample in SAMPLES {
-        if let Ok(document) = reader::document("", sample) {
-            read(&Section::top(&reader, &document));
-        }
-    }
-    reader.keys()
+    reader::keys_of(&SAMPLES, |top, _| read(top))
 }
 
-fn read(top: &Section<'_>) -> Option<MachineConfig> {
+pub(super) fn read(top: &Section<'_>) -> Option<MachineConfig> {
     if !crate::read_format(top, FORMAT) {
         return None;
     }
     let machine = crate::read_machine_id(top).map(|m| m.value.to_owned());
-    let model = read_model_path(top);
+    top.require("model", "add model = \"model.toml\", a path seen from this file");
+    let model = top.path("model", "the model file, seen from this file");
     let additions = read_additions(top);
     let link = read_link(&top.section("link"));
     let cycle_ms = link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3);
     let is_remote = link.as_ref().is_some_and(LinkConfig::is_remote);
-    let (start, engine) = read_engine(&top.section("engine"), cycle_ms, is_remote);
+    let (start, engine) = top.read("engine", |engine| read_engine(engine, cycle_ms, is_remote));
     let axes = read_axes(top, cycle_ms / 1e3);
-    let realtime = read_realtime(&top.section("realtime"));
-    let status = read_status(&top.section("status"));
-    let log = read_log(&top.section("log"));
-    let recording = read_recording(&top.section("recording"));
-    let state = read_state(&top.section("state"));
-    let guard = read_guard(&top.section("guard"));
+    let realtime = top.read("realtime", read_realtime);
+    let status = top.read("status", read_status);
+    let log = top.read("log", read_log);
+    let recording = top.read("recording", read_recording);
+    let state = top.read("state", read_state);
+    let guard = top.read("guard", read_guard);
     let sensors = read_sensors(top);
     if sensors.lock_step && is_remote {
         let general = top.section("sensors");
-        general.report(Diagnostic::at(
+        general.report_at(
             general.value("time").map(|v| v.place).unwrap_or_default(),
             "sensors.time = \"control\" has each frame wait for the estimator, and the control is on another computer",
             "write \"computer\": only a simulated control on this computer can be in lock step with the estimator",
-        ));
+        );
     }
-    let http = read_http(&top.section("http"));
-    let mqtt = read_mqtt(&top.section("mqtt"));
-    let mtconnect = read_mtconnect(&top.section("mtconnect"));
+    let http = top.read("http", read_http);
+    let mqtt = top.read("mqtt", read_mqtt);
+    let mtconnect = top.read("mtconnect", read_mtconnect);
     top.finish();
     Some(MachineConfig {
         machine: machine?,
@@ -99,28 +83,14 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     })
 }
 
-fn read_model_path(top: &Section<'_>) -> Option<PathBuf> {
-    top.require("model", "add model = \"model.toml\", a path seen from this file")?;
-    let path = top.text("model")?;
-    if path.value.trim().is_empty() {
-        top.report(Diagnostic::at(
-            path.place,
-            "model is empty",
-            "write the path of the model file, seen from this file",
-        ));
-        return None;
-    }
-    Some(PathBuf::from(path.value))
-}
-
 fn read_additions(top: &Section<'_>) -> Vec<PathBuf> {
     let Some(paths) = top.texts("additions") else { return Vec::new() };
     for path in paths.value.iter().filter(|p| p.value.trim().is_empty()) {
-        top.report(Diagnostic::at(
+        top.report_at(
             path.place.clone(),
             "an addition has an empty name",
             "write the paths of addition.toml files, seen from this file",
-        ));
+        );
     }
     paths.value.iter().map(|p| PathBuf::from(p.value)).collect()
 }
@@ -176,11 +146,11 @@ fn read_interface(link: &Section<'_>, cycle_ms: f64) -> Interface {
     match (calls, poll_ms) {
         (true, poll_ms) => Interface::ReadWrite { poll_s: poll_ms.map_or(cycle_ms, |n| n.value) / 1e3 },
         (false, Some(poll_ms)) => {
-            link.report(Diagnostic::at(
+            link.report_at(
                 poll_ms.place,
                 "link.poll-ms is for controls that are read and written by calls",
                 "add interface = \"read-write\" to [link], or leave poll-ms out",
-            ));
+            );
             Interface::Frames
         }
         (false, None) => Interface::Frames,
@@ -188,15 +158,13 @@ fn read_interface(link: &Section<'_>, cycle_ms: f64) -> Interface {
 }
 
 fn read_address(link: &Section<'_>, text: &Placed<&str>) -> Option<SocketAddr> {
-    let address = text.value.parse::<SocketAddr>().ok().filter(|a| a.port() != 0);
-    if address.is_none() {
-        link.report(Diagnostic::at(
+    text.value.parse::<SocketAddr>().ok().filter(|a| a.port() != 0).or_else(|| {
+        link.refuse(
             text.place.clone(),
             format!("link.address \"{}\" is not an address with port", text.value),
             "write the number of the control and its port, for example \"192.168.0.10:7878\" or \"[::1]:7878\"",
-        ));
-    }
-    address
+        )
+    })
 }
 
 /// Reports `key` where it is below what it must reach; both may be defaults.
@@ -247,7 +215,6 @@ fn read_engine(engine: &Section<'_>, cycle_ms: f64, is_remote: bool) -> (StartMo
         live_max_age_s: engine.number_or("live-max-age-ms", within(1.0, 600_000.0), 500.0) / 1e3,
         ..EngineConfig::default()
     };
-    engine.finish();
     (start, config)
 }
 
@@ -329,7 +296,7 @@ fn read_axes(top: &Section<'_>, cycle_s: f64) -> Vec<AxisConfig> {
     }
     if let Some(extra) = names.get(MAX_AXES) {
         let message = format!("{} axes, but the link carries {MAX_AXES}", names.len());
-        axes.report(Diagnostic::at(extra.place.clone(), message, "take some out"));
+        axes.report_at(extra.place.clone(), message, "take some out");
     }
     names
         .iter()
@@ -337,8 +304,7 @@ fn read_axes(top: &Section<'_>, cycle_s: f64) -> Vec<AxisConfig> {
             let axis = crate::axis_of_key(&axes, name)?;
             if axis == AxisName::S {
                 let why = "axes.s: the spindle is never offset";
-                axes.report(Diagnostic::at(name.place.clone(), why, "take [axes.s] out"));
-                return None;
+                return axes.refuse(name.place.clone(), why, "take [axes.s] out");
             }
             read_axis(axes.named(name)?, axis, cycle_s)
         })
@@ -403,7 +369,7 @@ fn against_limit(
             found.value,
             keys.limit
         );
-        section.report(Diagnostic::at(found.place.clone(), message, remedy));
+        section.report_at(found.place.clone(), message, remedy);
     };
     if let Some(warning) = warning.as_ref().filter(|w| w.value > limit) {
         wrong(warning, keys.warning, "above", "warn at or below the limit");
@@ -420,29 +386,28 @@ fn against_limit(
 /// Soft limits in mm or rad.
 fn read_soft_limits(section: &Section<'_>, keys: &AxisKeys) -> [f64; 2] {
     let Some(list) = section.fixed::<2>(keys.soft, "[lower, upper]") else { return NO_SOFT_LIMITS };
-    let [low, high] = list.value;
+    lower_first(section, keys.soft, &list);
+    list.value.map(|end| keys.kind.position_in(end))
+}
+
+/// Reports two ends in the wrong order.
+fn lower_first(section: &Section<'_>, key: &str, ends: &Placed<[f64; 2]>) {
+    let [low, high] = ends.value;
     if low >= high {
-        let message = format!(
-            "{} is [{}, {}]: the lower end is not below the upper",
-            section.named_key(keys.soft),
-            figure(low),
-            figure(high)
-        );
-        section.report(Diagnostic::at(list.place, message, "write the lower end first"));
+        let (key, low, high) = (section.named_key(key), figure(low), figure(high));
+        let message = format!("{key} is [{low}, {high}]: the lower end is not below the upper");
+        section.report_at(ends.place.clone(), message, "write the lower end first");
     }
-    [keys.kind.position_in(low), keys.kind.position_in(high)]
 }
 
 fn read_realtime(realtime: &Section<'_>) -> RealtimeConfig {
     let priority = realtime.whole("priority", 0, 99).map_or(DEFAULT_PRIORITY, |n| n.value);
-    let config = RealtimeConfig {
+    RealtimeConfig {
         priority: u8::try_from(priority).ok().filter(|p| *p > 0),
         cpu: realtime.whole("cpu", 0, 1023).and_then(|n| u16::try_from(n.value).ok()),
         lock_memory: realtime.flag("lock-memory").unwrap_or(true),
         busy_poll_s: realtime.number_or("busy-poll-us", within(0.0, 10_000.0), 0.0) / 1e6,
-    };
-    realtime.finish();
-    config
+    }
 }
 
 /// In the middle of the range: above ordinary real-time services, below the kernel's own threads.
@@ -452,7 +417,6 @@ const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
 
 fn read_status(status: &Section<'_>) -> StatusConfig {
     let path = status.text("socket").map_or(DEFAULT_SOCKET, |t| t.value);
-    status.finish();
     StatusConfig { socket: (!path.is_empty()).then(|| PathBuf::from(path)) }
 }
 
@@ -471,22 +435,18 @@ fn read_recording(recording: &Section<'_>) -> RecordingConfig {
     // the file being written is never deleted, so there must be room for one and what it follows
     at_least(recording, "total-max-mb", f64::from(total_mb), "twice file-max-mb", 2.0 * f64::from(file_mb));
     let when_full = [("stop", WhenFull::Stop), ("delete-oldest", WhenFull::DeleteOldest)];
-    let config = RecordingConfig {
+    RecordingConfig {
         directory: read_directory(recording),
         file_bytes: u64::from(file_mb) * BYTES_PER_MB,
         file_s: recording.number_or("file-max-s", within(1.0, 604_800.0), 3600.0),
         total_bytes: u64::from(total_mb) * BYTES_PER_MB,
         when_full: recording.choice("when-full", &when_full).unwrap_or_default(),
         flush_s: recording.number_or("flush-ms", within(20.0, 1000.0), 500.0) / 1e3,
-    };
-    recording.finish();
-    config
+    }
 }
 
 fn read_state(state: &Section<'_>) -> StateConfig {
-    let config = StateConfig { directory: read_directory(state) };
-    state.finish();
-    config
+    StateConfig { directory: read_directory(state) }
 }
 
 /// Change of a model that needs no confirmation by default, um and arcsec.
@@ -498,44 +458,26 @@ fn read_guard(guard: &Section<'_>) -> GuardConfig {
     if let Some(hash) = &hash
         && !(hash.value.len() == 64 && hash.value.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')))
     {
-        guard.report(Diagnostic::at(
+        guard.report_at(
             hash.place.clone(),
             format!("guard.hash \"{}\" is not a BLAKE3 hash", hash.value),
             "write the 64 hexadecimal digits that `volcomp check` prints for the model",
-        ));
+        );
     }
     let temperature = guard.fixed::<2>("temperature-degc", "[lowest, highest]");
-    if let Some(list) = temperature.as_ref().filter(|t| t.value[0] >= t.value[1]) {
-        let [low, high] = list.value;
-        guard.report(Diagnostic::at(
-            list.place.clone(),
-            format!(
-                "guard.temperature-degc is [{}, {}]: the lower end is not below the upper",
-                figure(low),
-                figure(high)
-            ),
-            "write the lower end first",
-        ));
+    if let Some(ends) = &temperature {
+        lower_first(guard, "temperature-degc", ends);
     }
-    let config = GuardConfig {
-        change_limit: mm_from_um(guard.number_or(
-            "change-limit-um",
-            within(0.0, 10_000.0),
-            DEFAULT_CHANGE[0],
-        )),
-        change_limit_angle: rad_from_arcsec(guard.number_or(
-            "change-limit-arcsec",
-            within(0.0, 10_000.0),
-            DEFAULT_CHANGE[1],
-        )),
+    let change = |key, default| guard.number_or(key, within(0.0, 10_000.0), default);
+    GuardConfig {
+        change_limit: mm_from_um(change("change-limit-um", DEFAULT_CHANGE[0])),
+        change_limit_angle: rad_from_arcsec(change("change-limit-arcsec", DEFAULT_CHANGE[1])),
         hash: hash.map(|h| h.value.to_owned()),
         expired: guard.choice("expired", &policies).unwrap_or_default(),
         temperature_degc: temperature.map(|t| t.value),
         temperature_max_age_s: 60.0 * guard.number_or("temperature-max-age-min", within(0.1, 10_000.0), 60.0),
         outside_temperature: guard.choice("outside-temperature", &policies).unwrap_or_default(),
-    };
-    guard.finish();
-    config
+    }
 }
 
 const LEVELS: [&str; 5] = ["error", "warn", "info", "debug", "trace"];
@@ -548,13 +490,12 @@ fn read_log(log: &Section<'_>) -> LogConfig {
     if let Some(level) = &level
         && !level.value.split(',').all(is_directive)
     {
-        log.report(Diagnostic::at(
+        log.report_at(
             level.place.clone(),
             format!("log.level \"{}\" is not a filter", level.value),
             format!("write one of {}, or room=level pairs such as \"info,volcomp=debug\"", LEVELS.join(", ")),
-        ));
+        );
     }
-    log.finish();
     LogConfig { target, level: level.map_or("info", |l| l.value).to_owned() }
 }
 

@@ -51,7 +51,7 @@ const FIVE_DOF_KEYS: [&str; 13] = [
 ];
 
 pub(super) fn read_sensors(top: &Section<'_>) -> SensorsConfig {
-    let maps: Vec<MapSpec> = top.sections("map").iter().filter_map(read_map).collect();
+    let maps: Vec<MapSpec> = top.read_all("map", read_map).into_iter().flatten().collect();
     let sections = top.sections("sensor");
     if let Some(extra) = sections.get(SENSORS_MAX) {
         extra.report_here(format!("more than {SENSORS_MAX} sensors"), "take some out");
@@ -69,11 +69,11 @@ pub(super) fn read_sensors(top: &Section<'_>) -> SensorsConfig {
     let listen = read_listen(&general, !sensors.is_empty());
     let plain_remote = general.flag("plain-remote").unwrap_or(false);
     if let Some(listen) = listen.as_ref().filter(|l| !(plain_remote || is_this_computer(l.value.ip()))) {
-        general.report(Diagnostic::at(
+        general.report_at(
             listen.place.clone(),
             format!("sensors.listen {} accepts connections from other computers, and anyone there could send live values", listen.value),
             "listen on 127.0.0.1 and forward by ssh; or plain-remote = true where that wire connects the sensors with this computer and with nothing else",
-        ));
+        );
     }
     let keep_s = number(&general, "keep-s", within(1.0, 86_400.0), DEFAULT_KEEP_S);
     let idle_s = number(&general, "idle-s", within(1.0, 86_400.0), DEFAULT_IDLE_S);
@@ -93,15 +93,11 @@ fn read_listen(general: &Section<'_>, wanted: bool) -> Option<Placed<SocketAddr>
     }
     match text.value.parse::<SocketAddr>() {
         Ok(address) => Some(Placed::new(address, text.place)),
-        Err(_) => {
-            let message = format!("sensors.listen \"{}\" is not an address with port", text.value);
-            general.report(Diagnostic::at(
-                text.place,
-                message,
-                "write a number of this computer and a port, for example \"127.0.0.1:7979\"; \"\" listens nowhere",
-            ));
-            None
-        }
+        Err(_) => general.refuse(
+            text.place,
+            format!("sensors.listen \"{}\" is not an address with port", text.value),
+            "write a number of this computer and a port, for example \"127.0.0.1:7979\"; \"\" listens nowhere",
+        ),
     }
 }
 
@@ -128,11 +124,11 @@ fn read_name(section: &Section<'_>, what: &str) -> Option<String> {
         && name.value.len() <= NAME_MAX
         && name.value.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_');
     if !good {
-        section.report(Diagnostic::at(
+        section.report_at(
             name.place,
             format!("name \"{}\" of a {what}", name.value),
             format!("write 1 to {NAME_MAX} letters, digits, - or _"),
-        ));
+        );
     }
     good.then(|| name.value.to_owned())
 }
@@ -225,17 +221,13 @@ fn read_trust(section: &Section<'_>, base: SensorSpec, kind: Option<Kind>) -> Se
 fn find_map(section: &Section<'_>, named: Option<&Placed<&str>>, maps: &[MapSpec]) -> Option<usize> {
     let known: Vec<&str> = maps.iter().map(|m| m.name.as_str()).collect();
     match named {
-        Some(name) => {
-            let found = known.iter().position(|m| *m == name.value);
-            if found.is_none() {
-                section.report(Diagnostic::at(
-                    name.place.clone(),
-                    format!("no map is called \"{}\"", name.value),
-                    format!("maps are: {}; or add a [[map]] of this name", known.join(", ")),
-                ));
-            }
-            found
-        }
+        Some(name) => known.iter().position(|m| *m == name.value).or_else(|| {
+            section.refuse(
+                name.place.clone(),
+                format!("no map is called \"{}\"", name.value),
+                format!("maps are: {}; or add a [[map]] of this name", known.join(", ")),
+            )
+        }),
         None if maps.len() == 1 => Some(0),
         None => {
             let remedy = if maps.is_empty() {
@@ -258,11 +250,11 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
         section.choice("alignment", &[("stored-curves", false), ("end-point", true)]) == Some(true);
     let roll_rise = section.number("roll-rise-arcsec", within(-1e3, 1e3));
     if let Some(rise) = roll_rise.as_ref().filter(|_| !is_end_point) {
-        section.report(Diagnostic::at(
+        section.report_at(
             rise.place.clone(),
             "roll-rise-arcsec belongs to alignment = \"end-point\"",
             "take it out: with the stored curves roll is aligned to theirs",
-        ));
+        );
     }
     let alignment = if is_end_point {
         LaserAlignment::EndPoint { roll_rise: roll_rise.map_or(0.0, |n| rad_from_arcsec(n.value)) }
@@ -297,8 +289,7 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
                 Ok(head) => Some(head),
                 Err(e) => {
                     let remedy = "see docs/how-to/sensors.md: the instrument of raw readings";
-                    section.report(Diagnostic::at(place, e.to_string(), remedy));
-                    return None;
+                    return section.refuse(place, e.to_string(), remedy);
                 }
             }
         }
@@ -320,8 +311,7 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
     let name = letters.next().and_then(AxisName::from_letter).filter(|_| letters.next().is_none());
     let Some(name) = name.filter(|name| name.kind() == AxisKind::Linear) else {
         let message = format!("axis \"{}\" is not a linear axis", axis.value);
-        section.report(Diagnostic::at(axis.place, message, "write x, y or z"));
-        return None;
+        return section.refuse(axis.place, message, "write x, y or z");
     };
     Some(SensorKind::FiveDof { axis: name, head, smooth_s, rest_smooth_s, reference_share, alignment })
 }
@@ -338,7 +328,6 @@ fn read_map(section: &Section<'_>) -> Option<MapSpec> {
     let rejections = section.whole("alarm-rejections", 1, 1000).map_or(base.rejections_to_alarm, |n| n.value);
     let alarm_hold_s = number(section, "alarm-hold-s", within(0.0, 1e5), base.alarm_hold_s);
     let gate = number(section, "gate", within(1.0, 1e6), base.gate);
-    section.finish();
     let [x, y, z] = nodes;
     Some(MapSpec {
         name: name?,
@@ -359,12 +348,11 @@ fn read_nodes(section: &Section<'_>, key: &'static str) -> Option<Vec<f64>> {
     let list = section.numbers(key)?;
     let values: Vec<f64> = list.value.iter().map(|n| n.value).collect();
     if values.len() < 2 || values.windows(2).any(|w| w[0] >= w[1]) {
-        section.report(Diagnostic::at(
+        return section.refuse(
             list.place,
             format!("{} has {} positions or they do not increase", section.named_key(key), values.len()),
             "write at least two positions, each above the one before",
-        ));
-        return None;
+        );
     }
     Some(values)
 }

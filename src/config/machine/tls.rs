@@ -31,37 +31,29 @@ pub(super) fn read_tls(link: &Section<'_>, address: Option<SocketAddr>) -> Optio
         ("certificate", "the daemon's own certificate"),
         ("key", "the private key of that certificate"),
     ]
-    .map(|(key, what)| read_path(&tls, key, what));
+    .map(|(key, what)| {
+        if tls.place().is_some() {
+            tls.require(key, &format!("add {key} = \"...\", {what}, a path seen from this file"));
+        }
+        tls.path(key, what)
+    });
     let name = tls.text("server-name");
     let named = match &name {
         Some(name) => is_host(name.value).then(|| name.value.to_owned()),
         None => address.map(|a| a.ip().to_string()),
     };
     if let (Some(name), None) = (&name, &named) {
-        tls.report(Diagnostic::at(
+        tls.report_at(
             name.place.clone(),
             format!("{} \"{}\" is not a name of a host", tls.named_key("server-name"), name.value),
             "write a name or number that stands in the control's certificate, for example \"cnc-1.shop\"",
-        ));
+        );
     }
     tls.finish();
     if tls.place().is_none() {
         return Some(None);
     }
     Some(Some(TlsConfig { ca: ca?, certificate: certificate?, key: key?, server_name: named? }))
-}
-
-fn read_path(tls: &Section<'_>, key: &'static str, what: &str) -> Option<PathBuf> {
-    if tls.place().is_some() {
-        tls.require(key, &format!("add {key} = \"...\", {what}, a path seen from this file"));
-    }
-    let path = tls.text(key)?;
-    if path.value.trim().is_empty() {
-        let message = format!("{} is empty", tls.named_key(key));
-        tls.report(Diagnostic::at(path.place, message, format!("write the path of {what}")));
-        return None;
-    }
-    Some(PathBuf::from(path.value))
 }
 
 /// A number, or labels of letters, digits, `-` and `_` with dots in between.
@@ -80,7 +72,7 @@ pub(super) fn check_remote(link: &Section<'_>, address: &Placed<SocketAddr>, tls
     if tls || plain_remote || is_this_computer(address.value.ip()) {
         return;
     }
-    link.report(Diagnostic::at(
+    link.report_at(
         address.place.clone(),
         format!(
             "link.address {} is on another computer, and the link has neither authentication nor encryption",
@@ -88,7 +80,7 @@ pub(super) fn check_remote(link: &Section<'_>, address: &Placed<SocketAddr>, tls
         ),
         "add [link.tls]; or plain-remote = true to [link] where that wire connects the control with this computer \
          and with nothing else",
-    ));
+    );
 }
 
 #[cfg(test)]

@@ -31,14 +31,14 @@ pub(super) fn read(axes: &Section<'_>, chain: Option<&Placed<Chain>>, spec: &mut
     for axis in chain.value.axes().iter().filter(|a| a.kind() == AxisKind::Rotary && !a.spindle) {
         let name = axis.name;
         if !axes.names().iter().any(|n| crate::key_axis(n.value) == Some(name)) {
-            axes.report(Diagnostic::at(
+            axes.report_at(
                 chain.place.clone(),
                 format!(
                     "rotary axis {name} has no [axes.{}], so it is not known where it turns",
                     name.lower()
                 ),
                 format!("add [axes.{}] with point-mm = [x, y, z], a point on its axis at home", name.lower()),
-            ));
+            );
         }
     }
 }
@@ -48,31 +48,26 @@ fn read_axis(section: Section<'_>, name: AxisName, needs_point: bool) -> AxisSpe
     let section = section.because(keys.unit, PositionKeys::reason(name));
     let mut axis = AxisSpec::new(name);
     axis.travel = section.interval(keys.travel).map(|t| t.value.map(keys.read));
-    if let Some(sense) = section.choice("sense", &SENSES) {
-        axis.sense = sense;
-    }
+    axis.sense = section.choice("sense", &SENSES).unwrap_or(axis.sense);
     match name.kind() {
         AxisKind::Linear => {
             read_reference_points(&section, &mut axis);
-            refuse(&section, "point-mm", "only a rotary axis turns about a point", "take it out");
-            refuse(&section, CORRECTION_LIMIT, "only a rotary axis runs away at a pole", "take it out");
+            forbid(&section, "point-mm", "only a rotary axis turns about a point");
+            forbid(&section, CORRECTION_LIMIT, "only a rotary axis runs away at a pole");
         }
         AxisKind::Rotary => {
-            match point(&section, "point-mm") {
-                Some(p) => axis.point = p.value,
-                None if needs_point => {
-                    let remedy = "add point-mm = [x, y, z], a point on the axis of rotation at home";
-                    section.require("point-mm", remedy);
-                }
-                None => {}
+            axis.point = point(&section, "point-mm").unwrap_or(axis.point);
+            if needs_point {
+                section
+                    .require("point-mm", "add point-mm = [x, y, z], a point on the axis of rotation at home");
             }
-            let bound = Allowed::Within { low: 1.0, high: 2000.0 };
-            if let Some(limit) = section.number(CORRECTION_LIMIT, bound) {
+            if let Some(limit) = section.number(CORRECTION_LIMIT, Allowed::Within { low: 1.0, high: 2000.0 })
+            {
                 axis.correction_limit = rad_from_arcsec(limit.value);
             }
             let why = "reference points belong to linear axes; a rotary axis has point-mm";
-            refuse(&section, "reference-points-mm", why, "take it out");
-            refuse(&section, "reference-body", why, "take it out");
+            forbid(&section, "reference-points-mm", why);
+            forbid(&section, "reference-body", why);
         }
     }
     section.finish();
@@ -80,40 +75,35 @@ fn read_axis(section: Section<'_>, name: AxisName, needs_point: bool) -> AxisSpe
 }
 
 /// Reports a key that this kind of axis cannot have.
-fn refuse(section: &Section<'_>, key: &'static str, why: &str, remedy: &str) {
+fn forbid(section: &Section<'_>, key: &'static str, why: &str) {
     if let Some(value) = section.value(key) {
-        section.report(Diagnostic::at(value.place, format!("{}: {why}", section.named_key(key)), remedy));
+        section.report_at(value.place, format!("{}: {why}", section.named_key(key)), "take it out");
     }
 }
 
 fn read_reference_points(section: &Section<'_>, axis: &mut AxisSpec) {
-    let points = section.section("reference-points-mm");
-    for (i, component) in COMPONENTS.into_iter().enumerate() {
-        if let Some(p) = point(&points, component) {
-            axis.reference_points[i].point = p.value;
+    section.read("reference-points-mm", |points| {
+        for (component, reference) in COMPONENTS.into_iter().zip(&mut axis.reference_points) {
+            reference.point = point(points, component).unwrap_or(reference.point);
         }
-    }
-    points.finish();
+    });
     let Some(body) = section.value("reference-body") else { return };
     match body.value {
         DeValue::Table(_) => {
-            let bodies = section.section("reference-body");
-            for (i, component) in COMPONENTS.into_iter().enumerate() {
-                if let Some(body) = bodies.choice(component, &BODIES) {
-                    axis.reference_points[i].body = body;
+            section.read("reference-body", |bodies| {
+                for (component, reference) in COMPONENTS.into_iter().zip(&mut axis.reference_points) {
+                    reference.body = bodies.choice(component, &BODIES).unwrap_or(reference.body);
                 }
-            }
-            bodies.finish();
+            });
         }
         DeValue::String(text) => {
-            if let Some(body) =
-                section.word("reference-body", &Placed::new(text.as_ref(), body.place), &BODIES)
-            {
-                for reference in &mut axis.reference_points {
-                    reference.body = body;
-                }
+            let word = Placed::new(text.as_ref(), body.place);
+            if let Some(body) = section.word("reference-body", &word, &BODIES) {
+                axis.reference_points.iter_mut().for_each(|reference| reference.body = body);
             }
         }
-        _ => section.wrong_shape("reference-body", &body, "\"carriage\" or \"bed\""),
+        _ => {
+            section.wrong_shape::<()>("reference-body", &body, "\"carriage\" or \"bed\"");
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::keys::{PositionKeys, ValueKeys};
 use super::number::shortest;
-use super::write::{heading, line_of, part_heading};
+use super::write::{entry, heading, part_heading};
 use crate::prelude::*;
 use volcomp_model::{DynamicTerm, Law, ToolErrors};
 use volcomp_units::RAD_PER_DEG;
@@ -80,10 +80,7 @@ impl Keys {
 pub(super) fn read(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Vec<DynamicTerm>> {
     let mut found = Vec::new();
     for name in SECTIONS {
-        for part in section.sections(name) {
-            found.push(read_term(&part, name, &Keys::of(symbol)));
-            part.finish();
-        }
+        found.extend(section.read_all(name, |part| read_term(part, name, &Keys::of(symbol))));
     }
     found.into_iter().collect()
 }
@@ -134,7 +131,7 @@ pub(super) fn write(out: &mut String, symbol: ErrorSymbol, terms: &[DynamicTerm]
         let kind = section_of(&term.law);
         let is_of_several = terms.iter().filter(|other| section_of(&other.law) == kind).count() > 1;
         part_heading(out, &name, kind, is_of_several);
-        let mut put = |key: &str, value: String| line_of(out, format_args!("{key} = {value}"));
+        let mut put = |key: &str, value: String| entry(out, key, value);
         let value = |v: f64| shortest(v, (keys.value.write)(v), keys.value.read);
         let length = |v: f64| shortest(v, (keys.axis.write)(v), keys.axis.read);
         let gain = |v: f64| shortest(v, (keys.gains[1])(v), keys.gains[0]);
@@ -178,14 +175,13 @@ pub const fn section_of(law: &Law) -> &'static str {
 }
 
 /// Reads `[tool]`: tilt of the spindle and error of the tool length.
-pub(super) fn read_tool(section: &Section<'_>, spec: &mut ModelSpec) {
+pub(super) fn read_tool(section: &Section<'_>) -> ToolErrors {
     let tilt = section.fixed::<2>("spindle-tilt-arcsec", "[about x, about y]");
     let length = section.number("length-error-um-per-m", Allowed::Within { low: -1e4, high: 1e4 });
-    spec.tool = ToolErrors {
+    ToolErrors {
         tilt: tilt.map_or([0.0; 2], |t| t.value.map(rad_from_arcsec)),
         length: length.map_or(0.0, |n| n.value * PER_MILLION),
-    };
-    section.finish();
+    }
 }
 
 /// Writes `[tool]`, where there is anything in it.
@@ -195,9 +191,9 @@ pub(super) fn write_tool(out: &mut String, tool: &ToolErrors) {
     }
     heading(out, "tool");
     let [a, b] = tool.tilt.map(|v| shortest(v, arcsec_from_rad(v), rad_from_arcsec));
-    line_of(out, format_args!("spindle-tilt-arcsec = [{a}, {b}]"));
+    entry(out, "spindle-tilt-arcsec", format_args!("[{a}, {b}]"));
     let length = shortest(tool.length, tool.length / PER_MILLION, |v| v * PER_MILLION);
-    line_of(out, format_args!("length-error-um-per-m = {length}"));
+    entry(out, "length-error-um-per-m", length);
 }
 
 #[cfg(test)]

@@ -35,7 +35,6 @@ pub(super) struct DefaultStd {
 impl DefaultStd {
     /// From `[provenance]`.
     pub(super) fn read(section: &Section<'_>) -> Self {
-        use volcomp_units::{mm_from_um, rad_from_arcsec};
         Self {
             length: section.number("std-um", STD).map(|n| mm_from_um(n.value)),
             angle: section.number("std-arcsec", STD).map(|n| rad_from_arcsec(n.value)),
@@ -63,25 +62,18 @@ pub(super) fn read(
             origins.push((symbol, origin));
         }
         if let (Some(function), Some(chain)) = (function, chain) {
-            check_alone(errors, chain, (symbol, function), &Places { name: name.place, largest }, spec);
+            check_alone(errors, chain, (symbol, function), [largest, Some(name.place)], spec);
         }
     }
     origins
 }
 
-/// Where to point when an error as a whole is wrong.
-struct Places {
-    name: Range<usize>,
-    /// Its largest number.
-    largest: Option<Range<usize>>,
-}
-
-/// Adds an error to the model where it keeps the rules.
+/// Adds an error to the model where it keeps the rules; else reports it at its largest number or its name.
 fn check_alone(
     errors: &Section<'_>,
     chain: &Chain,
     entry: (ErrorSymbol, ErrorFunction),
-    places: &Places,
+    [largest, name]: [Option<Range<usize>>; 2],
     spec: &mut ModelSpec,
 ) {
     let mut alone = ModelSpec::new("", chain.clone());
@@ -91,8 +83,8 @@ fn check_alone(
         return;
     };
     let too_large = matches!(e, ModelError::AngleTooLarge { .. } | ModelError::LengthTooLarge { .. });
-    let place = places.largest.as_ref().filter(|_| too_large).unwrap_or(&places.name);
-    errors.report(Diagnostic::at(place.clone(), e.to_string(), remedy(&e, &chain.to_string())));
+    let span = largest.filter(|_| too_large).or(name);
+    errors.report(Diagnostic { span, message: e.to_string(), remedy: Some(remedy(&e, &chain.to_string())) });
 }
 
 /// The symbol of a key, or a report of what is wrong with it.
@@ -115,12 +107,7 @@ fn symbol_of_key(errors: &Section<'_>, name: &Placed<&str>, chain: Option<&Chain
             }
         },
     };
-    errors.report(Diagnostic::at(
-        name.place.clone(),
-        format!("{} is not an error symbol of ISO 230-1", name.value),
-        remedy,
-    ));
-    None
+    errors.refuse(name.place.clone(), format!("{} is not an error symbol of ISO 230-1", name.value), remedy)
 }
 
 /// Every symbol that the axes of a chain can have.
@@ -145,44 +132,28 @@ fn read_error(
     symbol: ErrorSymbol,
     std: &DefaultStd,
 ) -> (Option<ErrorFunction>, Provenance, Option<Range<usize>>) {
+    let (at, of) = (PositionKeys::of(symbol.axis()), ValueKeys::of(symbol));
     let section = section
-        .because(PositionKeys::of(symbol.axis()).unit, PositionKeys::reason(symbol.axis()))
-        .because(ValueKeys::of(symbol).unit, ValueKeys::reason(symbol));
+        .because(at.unit, PositionKeys::reason(symbol.axis()))
+        .because(of.unit, ValueKeys::reason(symbol));
     let mut curves = Vec::new();
     let mut largest: Option<Placed<f64>> = None;
     for (key, read) in KINDS {
-        for part in section.sections(key) {
+        curves.extend(section.read_all(key, |part| {
             let start = part.place().map_or(0, |p| p.start);
-            let mut kind = Kind {
-                section: &part,
-                at: PositionKeys::of(symbol.axis()),
-                of: ValueKeys::of(symbol),
-                largest: &mut largest,
-            };
-            curves.push((start, read(&mut kind)));
-            part.finish();
-        }
+            (start, read(&mut Kind { section: part, at, of, largest: &mut largest }))
+        }));
     }
     let mut grids = Vec::new();
     for part in section.sections("grid") {
         let part = part
             .because("mm", "linear axes are in mm".to_owned())
             .because("deg", "rotary axes are in deg".to_owned());
-        let mut kind = Kind {
-            section: &part,
-            at: PositionKeys::of(symbol.axis()),
-            of: ValueKeys::of(symbol),
-            largest: &mut largest,
-        };
-        grids.push(read_grid(&mut kind));
+        grids.push(read_grid(&mut Kind { section: &part, at, of, largest: &mut largest }));
         part.finish();
     }
-    let mut live = Vec::new();
-    for part in section.sections("live") {
-        live.push(read_live(&part, symbol));
-        part.finish();
-    }
-    let own = section.number(ValueKeys::of(symbol).std, STD).map(|n| (ValueKeys::of(symbol).read)(n.value));
+    let live = section.read_all("live", |part| read_live(part, symbol));
+    let own = section.number(of.std, STD).map(|n| (of.read)(n.value));
     let origin = provenance::read(&section);
     let dynamics = dynamics::read(&section, symbol);
     let no_dynamics = dynamics.as_ref().is_some_and(Vec::is_empty);
@@ -303,7 +274,7 @@ fn read_table(kind: &mut Kind<'_, '_>) -> Option<Curve> {
                 kind.section.named_key(key),
                 list.value.len()
             );
-            kind.section.report(Diagnostic::at(list.place.clone(), message, "give one value per position"));
+            kind.section.report_at(list.place.clone(), message, "give one value per position");
             complete = false;
         }
     }
@@ -321,7 +292,7 @@ fn check_positions(section: &Section<'_>, key: &str, positions: &Placed<Vec<Plac
     let (key, unit) = (section.named_key(key), unit_of(key).unwrap_or_default());
     if positions.value.len() < 2 {
         let message = format!("{key}: a table needs at least 2 positions, found {}", positions.value.len());
-        section.report(Diagnostic::at(positions.place.clone(), message, "add rows, or write a constant"));
+        section.report_at(positions.place.clone(), message, "add rows, or write a constant");
         return false;
     }
     let bad = positions.value.windows(2).enumerate().find(|(_, pair)| pair[1].value <= pair[0].value);
@@ -344,7 +315,7 @@ fn check_positions(section: &Section<'_>, key: &str, positions: &Placed<Vec<Plac
             "sort the rows so that positions increase, and move their values with them",
         )
     };
-    section.report(Diagnostic::at(this.place.clone(), message, remedy));
+    section.report_at(this.place.clone(), message, remedy);
     false
 }
 
@@ -443,12 +414,7 @@ fn read_grid(kind: &mut Kind<'_, '_>) -> Option<Grid> {
             values.value.len(),
             sizes.join(" x ")
         );
-        kind.section.report(Diagnostic::at(
-            values.place,
-            message,
-            "give one value per point, last axis fastest",
-        ));
-        return None;
+        return kind.section.refuse(values.place, message, "give one value per point, last axis fastest");
     }
     kind.built(Grid::new(edges, values.value), Some(names.place))
 }
@@ -457,8 +423,7 @@ fn read_grid(kind: &mut Kind<'_, '_>) -> Option<Grid> {
 fn read_edge(kind: &Kind<'_, '_>, name: &Placed<&str>) -> Option<(AxisName, Vec<f64>)> {
     let Some(axis) = crate::key_axis(name.value) else {
         let message = format!("{} does not know \"{}\"", kind.section.named_key("axes"), name.value);
-        kind.section.report(Diagnostic::at(name.place.clone(), message, "axes are x y z u v w a b c"));
-        return None;
+        return kind.section.refuse(name.place.clone(), message, "axes are x y z u v w a b c");
     };
     let key = grid_key(axis);
     kind.section.require(key, &format!("add {key} = [...], the positions of the grid along {axis}"));

@@ -18,7 +18,7 @@ pub use dynamics::section_of;
 pub use provenance::{Measured, Provenance, SourceEntry};
 pub use write::{kind_of, write_file};
 
-use super::reader::{self, Key, Reader};
+use super::reader::{self, Key};
 use volcomp_estimate::Thermal;
 use volcomp_model::chain_notation::ChainError;
 use volcomp_model::geometry::Vec3;
@@ -111,14 +111,7 @@ pub fn parse(file: &str, text: &str) -> Result<ModelSpec, ConfigErrors> {
 /// # Errors
 /// Every mistake found, each with its place.
 pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
-    let text = reader::without_mark(text);
-    let document = reader::document(file, text)?;
-    let reader = Reader::default();
-    let model = read(&Section::top(&reader, &document), text);
-    match model {
-        Some(model) if reader.is_clean() => Ok(model),
-        _ => Err(reader.into_errors(file, text)),
-    }
+    reader::read_file(file, text, read)
 }
 
 /// The key table of model files, by `section.key`; `x`, `c`, `exx`, `eac` .. stand for any axis and error of the class.
@@ -152,13 +145,7 @@ pub fn known_keys() -> BTreeMap<String, Key> {
             written.concat()
         ),
     ];
-    let reader = Reader::default();
-    for text in &samples {
-        if let Ok(document) = reader::document("", text) {
-            read(&Section::top(&reader, &document), text);
-        }
-    }
-    reader.keys()
+    reader::keys_of(&samples.each_ref().map(String::as_str), read)
 }
 
 fn read(top: &Section<'_>, text: &str) -> Option<ModelFile> {
@@ -173,18 +160,16 @@ fn read(top: &Section<'_>, text: &str) -> Option<ModelFile> {
         chain.as_ref().map(|c| c.value.clone()).or_else(|| Chain::parse("[w b X t]").ok())?,
     );
     let known_chain = chain.as_ref().map(|c| &c.value);
-    read_frame(&top.section("frame"), &mut spec);
-    dynamics::read_tool(&top.section("tool"), &mut spec);
+    top.read("frame", |frame| read_frame(frame, &mut spec));
+    spec.tool = top.read("tool", dynamics::read_tool);
     axes::read(&top.section("axes"), chain.as_ref(), &mut spec);
-    let provenance = top.section("provenance");
-    let origin = provenance::read(&provenance);
-    let std = errors::DefaultStd::read(&provenance);
-    provenance.finish();
+    let (provenance, std) =
+        top.read("provenance", |section| (provenance::read(section), errors::DefaultStd::read(section)));
     let of_errors = errors::read(&top.section("errors"), known_chain, &std, &mut spec);
     let thermal = thermal::read(&top.section("thermal"), &spec);
     top.finish();
     whole_model(top, &spec, chain.is_some());
-    Some(ModelFile { spec, provenance: origin, of_errors, thermal })
+    Some(ModelFile { spec, provenance, of_errors, thermal })
 }
 
 /// A last look with the rules of the model itself; everything it can find has been reported at its place before.
@@ -198,16 +183,11 @@ fn whole_model(top: &Section<'_>, spec: &ModelSpec, has_chain: bool) {
 }
 
 fn read_frame(frame: &Section<'_>, spec: &mut ModelSpec) {
-    if let Some(p) = point(frame, "workpiece-origin-mm") {
-        spec.workpiece_origin = p.value;
-    }
-    if let Some(p) = point(frame, "tool-tip-mm") {
-        spec.tool_tip = p.value;
-    }
-    spec.gauge_point = point(frame, "gauge-point-mm").map(|p| p.value);
+    spec.workpiece_origin = point(frame, "workpiece-origin-mm").unwrap_or(spec.workpiece_origin);
+    spec.tool_tip = point(frame, "tool-tip-mm").unwrap_or(spec.tool_tip);
+    spec.gauge_point = point(frame, "gauge-point-mm");
     spec.vertical = frame.choice("vertical", &VERTICAL);
-    read_datum(&frame.section("datum"), spec);
-    frame.finish();
+    frame.read("datum", |datum| read_datum(datum, spec));
 }
 
 /// Where the workpiece datum was touched: one coordinate per axis of the chain, such as `x-mm = 100`.
@@ -218,13 +198,11 @@ fn read_datum(section: &Section<'_>, spec: &mut ModelSpec) {
             spec.datum.push((axis, (PositionKeys::of(axis).read)(at.value)));
         }
     }
-    section.finish();
 }
 
 /// A point in M at home, mm.
-fn point(section: &Section<'_>, key: &'static str) -> Option<Placed<Vec3>> {
-    let list = section.fixed::<3>(key, "[x, y, z]")?;
-    Some(Placed::new(Vec3::from(list.value), list.place))
+fn point(section: &Section<'_>, key: &'static str) -> Option<Vec3> {
+    section.fixed::<3>(key, "[x, y, z]").map(|list| Vec3::from(list.value))
 }
 
 fn read_chain(top: &Section<'_>, text: &str) -> Option<Placed<Chain>> {
@@ -232,19 +210,17 @@ fn read_chain(top: &Section<'_>, text: &str) -> Option<Placed<Chain>> {
     top.require("chain", remedy)?;
     let written = top.text("chain")?;
     if written.value.len() > Name::MAX * 8 {
-        top.report(Diagnostic::at(written.place, "chain is too long", "a chain has at most 8 axes"));
-        return None;
+        return top.refuse(written.place, "chain is too long", "a chain has at most 8 axes");
     }
     match Chain::parse(written.value) {
         Ok(chain) => Some(Placed::new(chain, written.place)),
         Err(e) => {
-            top.report(Diagnostic::at(
+            top.refuse(
                 inside(text, &written, &e),
                 format!("chain, {e}"),
                 "write the axes from the workpiece w through the bed b to the tool t, primes on the workpiece side: \
                  [w X' b Y Z t]",
-            ));
-            None
+            )
         }
     }
 }

@@ -100,21 +100,19 @@ pub(super) fn read(section: &Section<'_>) -> Provenance {
         expiry: date(section, "expiry"),
         source: text("source"),
         source_hash: text("source-hash"),
-        sources: section.sections("sources").iter().map(read_source).collect(),
+        sources: section.read_all("sources", read_source),
         note: text("note"),
     }
 }
 
 fn read_source(section: &Section<'_>) -> SourceEntry {
     let text = |key| section.text(key).map(|t| t.value.to_owned());
-    let entry = SourceEntry {
+    SourceEntry {
         source: text("source"),
         source_hash: text("source-hash"),
         instrument: text("instrument"),
         date: date(section, "date"),
-    };
-    section.finish();
-    entry
+    }
 }
 
 /// A date, with or without quotes.
@@ -125,17 +123,11 @@ fn date(section: &Section<'_>, key: &'static str) -> Option<String> {
         DeValue::String(text) if text.parse::<Datetime>().is_ok_and(|d| d.date.is_some()) => {
             Some(text.to_string())
         }
-        DeValue::String(text) => {
-            section.report(Diagnostic::at(
-                value.place,
-                format!("{} is not a date: \"{text}\"", section.named_key(key)),
-                "write year-month-day, for example 2026-01-31",
-            ));
-            None
-        }
-        _ => {
-            section.wrong_shape(key, &value, "a date");
-            None
-        }
+        DeValue::String(text) => section.refuse(
+            value.place,
+            format!("{} is not a date: \"{text}\"", section.named_key(key)),
+            "write year-month-day, for example 2026-01-31",
+        ),
+        _ => section.wrong_shape(key, &value, "a date"),
     }
 }

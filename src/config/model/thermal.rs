@@ -1,7 +1,7 @@
 //! `[thermal.NAME]`: thermal displacement, told to the errors whose live value names it.
 
 use super::number::{plain, shortest};
-use super::write::{heading, line_of};
+use super::write::{entry, entry_if, heading, line_of};
 use crate::prelude::*;
 use volcomp_estimate::{Quantity, Thermal, ThermalInput};
 
@@ -95,18 +95,10 @@ fn read_one(section: &Section<'_>, name: &str) -> Option<Thermal> {
     let offset = section.number(unit.offset, Allowed::Finite).map_or(0.0, |n| (unit.read)(n.value));
     let std = section.number(unit.std, Allowed::Within { low: 0.0, high: 1e6 }).map(|n| (unit.read)(n.value));
     let fade = section.number("fade-percent", Allowed::Positive { high: 1000.0 });
-    let list = section.sections("input");
-    if list.is_empty() {
+    let inputs = section.read_all("input", |input| read_input(input, unit));
+    if inputs.is_empty() {
         section.missing("input", "add [[thermal.NAME.input]] with the sensor that it depends on");
     }
-    let inputs: Vec<Option<ThermalInput>> = list
-        .iter()
-        .map(|input| {
-            let read = read_input(input, unit);
-            input.finish();
-            read
-        })
-        .collect();
     let thermal = Thermal {
         name: name.to_owned(),
         expansion,
@@ -116,7 +108,7 @@ fn read_one(section: &Section<'_>, name: &str) -> Option<Thermal> {
         inputs: inputs.into_iter().collect::<Option<_>>()?,
     };
     if let Err(e) = thermal.validate()
-        && !list.is_empty()
+        && !thermal.inputs.is_empty()
     {
         section.report_here(e.to_string(), "correct the number, or fit anew with volcomp fit thermal");
         return None;
@@ -147,7 +139,7 @@ fn read_input(section: &Section<'_>, unit: Unit) -> Option<ThermalInput> {
     let values: (Vec<f64>, _) = numbers(value_key)?;
     let lags_s = lags.map_or_else(|| vec![0.0], |(list, _)| list);
     if lags_s.len() != values.0.len() {
-        section.report(Diagnostic::at(
+        return section.refuse(
             values.1,
             format!(
                 "{} has {} numbers for {} lags",
@@ -156,8 +148,7 @@ fn read_input(section: &Section<'_>, unit: Unit) -> Option<ThermalInput> {
                 lags_s.len()
             ),
             "write one number per entry of lags-s",
-        ));
-        return None;
+        );
     }
     let coefficients = values.0.into_iter().map(unit.read).collect();
     let (sensor, range) = (sensor?.value.to_owned(), range?.value);
@@ -171,12 +162,9 @@ pub(super) fn write(out: &mut String, thermal: &Thermal) {
     let name = key(&thermal.name);
     heading(out, &format!("thermal.{name}"));
     line_of(out, format_args!("kind = \"{}\"", if thermal.expansion { "expansion" } else { "growth" }));
-    line_of(out, format_args!("{} = {}", unit.offset, number(thermal.offset)));
-    if let Some(std) = thermal.std {
-        line_of(out, format_args!("{} = {}", unit.std, number(std)));
-    }
-    let percent = shortest(thermal.fade_share, thermal.fade_share * 100.0, |p| p / 100.0);
-    line_of(out, format_args!("fade-percent = {percent}"));
+    entry(out, unit.offset, number(thermal.offset));
+    entry_if(out, unit.std, thermal.std.map(number));
+    entry(out, "fade-percent", shortest(thermal.fade_share, thermal.fade_share * 100.0, |p| p / 100.0));
     for input in &thermal.inputs {
         let list = |values: &[f64], text: &dyn Fn(f64) -> String| {
             values.iter().map(|v| text(*v)).collect::<Vec<_>>().join(", ")

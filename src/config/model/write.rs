@@ -1,6 +1,6 @@
 //! Writing a model so that reading it gives the same model.
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 
 use super::axes::CORRECTION_LIMIT;
 use super::keys::{PositionKeys, ValueKeys, grid_key};
@@ -26,29 +26,22 @@ pub fn write_file(model: &ModelFile, comment: &[String]) -> String {
         let clean: String = line.chars().filter(|c| !c.is_control()).collect();
         line_of(&mut out, format_args!("# {clean}"));
     }
-    line_of(&mut out, format_args!("format = {}", quoted(FORMAT)));
-    line_of(&mut out, format_args!("machine = {}", quoted(&spec.machine)));
-    line_of(&mut out, format_args!("chain = {}", quoted(&spec.chain.to_string())));
+    entry(&mut out, "format", quoted(FORMAT));
+    entry(&mut out, "machine", quoted(&spec.machine));
+    entry(&mut out, "chain", quoted(&spec.chain.to_string()));
     if !model.provenance.is_empty() {
         heading(&mut out, "provenance");
         write_provenance(&mut out, &model.provenance);
     }
     heading(&mut out, "frame");
-    line_of(&mut out, format_args!("workpiece-origin-mm = {}", point(&spec.workpiece_origin)));
-    line_of(&mut out, format_args!("tool-tip-mm = {}", point(&spec.tool_tip)));
-    if let Some(p) = &spec.gauge_point {
-        line_of(&mut out, format_args!("gauge-point-mm = {}", point(p)));
-    }
-    if let Some(up) = spec.vertical {
-        line_of(&mut out, format_args!("vertical = \"{}\"", up.lower()));
-    }
+    entry(&mut out, "workpiece-origin-mm", point(&spec.workpiece_origin));
+    entry(&mut out, "tool-tip-mm", point(&spec.tool_tip));
+    entry_if(&mut out, "gauge-point-mm", spec.gauge_point.as_ref().map(point));
+    entry_if(&mut out, "vertical", spec.vertical.map(|up| format!("\"{}\"", up.lower())));
     if !spec.datum.is_empty() {
         heading(&mut out, "frame.datum");
         for (axis, at) in &spec.datum {
-            line_of(
-                &mut out,
-                format_args!("{} = {}", grid_key(*axis), position(*at, PositionKeys::of(*axis))),
-            );
+            entry(&mut out, grid_key(*axis), position(*at, PositionKeys::of(*axis)));
         }
     }
     dynamics::write_tool(&mut out, &spec.tool);
@@ -69,6 +62,18 @@ pub fn write_file(model: &ModelFile, comment: &[String]) -> String {
         thermal::write(&mut out, thermal);
     }
     out
+}
+
+/// One key.
+pub(super) fn entry(out: &mut String, key: &str, value: impl Display) {
+    line_of(out, format_args!("{key} = {value}"));
+}
+
+/// A key that is left out where it has no value.
+pub(super) fn entry_if(out: &mut String, key: &str, value: Option<impl Display>) {
+    if let Some(value) = value {
+        entry(out, key, value);
+    }
 }
 
 pub(super) fn line_of(out: &mut String, line: core::fmt::Arguments<'_>) {
@@ -92,15 +97,12 @@ pub(super) fn part_heading(out: &mut String, name: &str, kind: &str, is_of_sever
 fn write_axis(out: &mut String, axis: &AxisSpec) {
     let keys = PositionKeys::of(axis.name);
     heading(out, &format!("axes.{}", axis.name.lower()));
-    if let Some(travel) = axis.travel {
-        line_of(out, format_args!("{} = {}", keys.travel, position_list(&travel, keys)));
-    }
+    entry_if(out, keys.travel, axis.travel.map(|travel| position_list(&travel, keys)));
     if axis.name.kind() == AxisKind::Rotary {
-        line_of(out, format_args!("point-mm = {}", point(&axis.point)));
+        entry(out, "point-mm", point(&axis.point));
         if axis.correction_limit != AxisSpec::new(axis.name).correction_limit {
             let limit = axis.correction_limit;
-            let arcsec = shortest(limit, arcsec_from_rad(limit), rad_from_arcsec);
-            line_of(out, format_args!("{CORRECTION_LIMIT} = {arcsec}"));
+            entry(out, CORRECTION_LIMIT, shortest(limit, arcsec_from_rad(limit), rad_from_arcsec));
         }
     }
     if axis.sense == Sense::Carriage {
@@ -138,9 +140,7 @@ fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, 
     let origin = origin.filter(|p| !p.is_empty());
     if function.std.is_some() || origin.is_some() {
         heading(out, &name);
-        if let Some(std) = function.std {
-            line_of(out, format_args!("{} = {}", of.std, value(std, of)));
-        }
+        entry_if(out, of.std, function.std.map(|std| value(std, of)));
         if let Some(origin) = origin {
             write_provenance(out, origin);
         }
@@ -157,11 +157,9 @@ fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, 
     }
     for live in &function.live {
         part_heading(out, &name, "live", function.live.len() > 1);
-        line_of(out, format_args!("sensor = {}", quoted(&live.sensor)));
-        line_of(out, format_args!("{} = {}", of.limit, value(live.limit, of)));
-        if let Some(at) = live.reference {
-            line_of(out, format_args!("reference-mm = {}", plain(at)));
-        }
+        entry(out, "sensor", quoted(&live.sensor));
+        entry(out, of.limit, value(live.limit, of));
+        entry_if(out, "reference-mm", live.reference.map(plain));
     }
     dynamics::write(out, symbol, &function.dynamics);
 }
@@ -171,9 +169,9 @@ fn write_grid(out: &mut String, grid: &Grid, of: &ValueKeys) {
     line_of(out, format_args!("axes = [{}]", names.join(", ")));
     for (i, axis) in grid.axes().enumerate() {
         let at = PositionKeys::of(axis);
-        line_of(out, format_args!("{} = {}", grid_key(axis), position_list(grid.positions(i), at)));
+        entry(out, grid_key(axis), position_list(grid.positions(i), at));
     }
-    line_of(out, format_args!("{} = {}", of.value, value_list(grid.values(), of)));
+    entry(out, of.value, value_list(grid.values(), of));
 }
 
 /// The key of a curve: `constant`, `table`, `fourier`, `half-range`, `chebyshev`.
@@ -190,43 +188,41 @@ pub fn kind_of(curve: &Curve) -> &'static str {
 
 fn write_curve(out: &mut String, curve: &Curve, at: &PositionKeys, of: &ValueKeys) {
     match curve {
-        Curve::Constant(v) => line_of(out, format_args!("{} = {}", of.value, value(*v, of))),
+        Curve::Constant(v) => entry(out, of.value, value(*v, of)),
         Curve::Table(t) => {
             let (positions, forward, reverse) = t.columns();
-            line_of(out, format_args!("{} = {}", at.position, position_list(positions, at)));
-            line_of(out, format_args!("{} = {}", of.value, value_list(forward, of)));
-            if let Some(reverse) = reverse {
-                line_of(out, format_args!("{} = {}", of.reverse, value_list(reverse, of)));
-            }
+            entry(out, at.position, position_list(positions, at));
+            entry(out, of.value, value_list(forward, of));
+            entry_if(out, of.reverse, reverse.map(|list| value_list(list, of)));
             if t.interpolation() == Interpolation::MonotoneCubic {
                 line_of(out, format_args!("interpolation = \"cubic\""));
             }
         }
         Curve::Fourier(f) => {
             let (mean, linear) = f.mean_and_linear();
-            line_of(out, format_args!("{} = {}", at.origin, position(f.range()[0], at)));
-            line_of(out, format_args!("{} = {}", at.span, position(f.span(), at)));
-            line_of(out, format_args!("{} = {}", at.period, position(f.period(), at)));
-            line_of(out, format_args!("{} = {}", of.mean, value(mean, of)));
-            line_of(out, format_args!("{} = {}", of.linear, value(linear, of)));
+            entry(out, at.origin, position(f.range()[0], at));
+            entry(out, at.span, position(f.span(), at));
+            entry(out, at.period, position(f.period(), at));
+            entry(out, of.mean, value(mean, of));
+            entry(out, of.linear, value(linear, of));
             let cos: Vec<f64> = f.harmonics().iter().map(|h| h[0]).collect();
             let sin: Vec<f64> = f.harmonics().iter().map(|h| h[1]).collect();
             // the sines carry the number of harmonics, so cosines that are all zero need no list
             let cos = if cos.iter().all(|&c| c == 0.0) { Vec::new() } else { cos };
-            line_of(out, format_args!("{} = {}", of.cos, value_list(&cos, of)));
-            line_of(out, format_args!("{} = {}", of.sin, value_list(&sin, of)));
+            entry(out, of.cos, value_list(&cos, of));
+            entry(out, of.sin, value_list(&sin, of));
         }
         Curve::HalfRange(h) => {
             let (mean, linear, sin) = h.coefficients();
             let sin: Vec<f64> = sin.collect();
-            line_of(out, format_args!("{} = {}", at.range, position_list(&h.range(), at)));
-            line_of(out, format_args!("{} = {}", of.mean, value(mean, of)));
-            line_of(out, format_args!("{} = {}", of.linear, value(linear, of)));
-            line_of(out, format_args!("{} = {}", of.sin, value_list(&sin, of)));
+            entry(out, at.range, position_list(&h.range(), at));
+            entry(out, of.mean, value(mean, of));
+            entry(out, of.linear, value(linear, of));
+            entry(out, of.sin, value_list(&sin, of));
         }
         Curve::Chebyshev(c) => {
-            line_of(out, format_args!("{} = {}", at.range, position_list(&c.range(), at)));
-            line_of(out, format_args!("{} = {}", of.coefficients, value_list(c.coefficients(), of)));
+            entry(out, at.range, position_list(&c.range(), at));
+            entry(out, of.coefficients, value_list(c.coefficients(), of));
         }
     }
 }
@@ -252,13 +248,9 @@ fn write_provenance(out: &mut String, p: &Provenance) {
         ("source-hash", source_hash),
         ("note", note),
     ] {
-        if let Some(text) = text {
-            line_of(out, format_args!("{key} = {}", quoted(text)));
-        }
+        entry_if(out, key, text.as_deref().map(quoted));
     }
-    if let Some(t) = temperature_degc {
-        line_of(out, format_args!("temperature-degc = {}", plain(*t)));
-    }
+    entry_if(out, "temperature-degc", temperature_degc.map(plain));
     if sources.is_empty() {
         return;
     }

@@ -1,18 +1,24 @@
 //! Values of a section by their kind: numbers, lists, texts, words. One that is wrong is reported and counts as absent.
 
+use std::path::PathBuf;
+
 use toml::de::DeValue;
 
 use super::{Allowed, Placed, Section, Shape};
-use crate::diagnostic::{Diagnostic, figure};
+use crate::diagnostic::figure;
 use crate::key_names::{in_words, suggestion, unit_of};
 
 impl<'r> Section<'r> {
     /// Reports a value of the wrong shape.
-    pub(crate) fn wrong_shape(&self, key: &str, value: &Placed<&DeValue<'_>>, expected: &str) {
-        let found = kind_of(value.value);
-        self.report(Diagnostic::at(
+    pub(crate) fn wrong_shape<T>(
+        &self,
+        key: &str,
+        value: &Placed<&DeValue<'_>>,
+        expected: &str,
+    ) -> Option<T> {
+        self.refuse(
             value.place.clone(),
-            format!("{} must be {expected}, found {found}", self.named_key(key)),
+            format!("{} must be {expected}, found {}", self.named_key(key), kind_of(value.value)),
             match value.value {
                 DeValue::String(text)
                     if expected.contains("number") && text.trim().parse::<f64>().is_ok() =>
@@ -21,7 +27,7 @@ impl<'r> Section<'r> {
                 }
                 _ => format!("write {expected} behind {key} ="),
             },
-        ));
+        )
     }
 
     /// A finite number.
@@ -31,12 +37,11 @@ impl<'r> Section<'r> {
         let number = self.finite(key, &value, None)?;
         if !allowed.admits(number) {
             let unit = unit_of(key).map_or(String::new(), |u| format!(" {}", in_words(u)));
-            self.report(Diagnostic::at(
+            return self.refuse(
                 value.place,
                 format!("{} is {}{unit}", self.named_key(key), figure(number)),
                 format!("allowed is {}", allowed.in_words(&unit)),
-            ));
-            return None;
+            );
         }
         Some(Placed::new(number, value.place))
     }
@@ -46,21 +51,14 @@ impl<'r> Section<'r> {
         self.shape(key, Shape::Whole(low, high));
         let value = self.value(key)?;
         let Some(integer) = value.value.as_integer() else {
-            self.wrong_shape(key, &value, "a whole number");
-            return None;
+            return self.wrong_shape(key, &value, "a whole number");
         };
-        match u32::from_str_radix(integer.as_str(), integer.radix()).ok().filter(|v| (low..=high).contains(v))
-        {
-            Some(v) => Some(Placed::new(v, value.place)),
-            None => {
+        match u32::from_str_radix(integer.as_str(), integer.radix()) {
+            Ok(v) if (low..=high).contains(&v) => Some(Placed::new(v, value.place)),
+            _ => {
                 let unit = unit_of(key).map_or(String::new(), |u| format!(" {}", in_words(u)));
                 let message = format!("{} is {integer}{unit}", self.named_key(key));
-                self.report(Diagnostic::at(
-                    value.place,
-                    message,
-                    format!("allowed is {low} to {high}{unit}"),
-                ));
-                None
+                self.refuse(value.place, message, format!("allowed is {low} to {high}{unit}"))
             }
         }
     }
@@ -69,19 +67,8 @@ impl<'r> Section<'r> {
     pub(crate) fn numbers(&self, key: &'static str) -> Option<Placed<Vec<Placed<f64>>>> {
         self.shape(key, Shape::Numbers(None));
         let value = self.value(key)?;
-        self.list(key, &value)
-    }
-
-    /// The numbers of a list.
-    pub(crate) fn list(
-        &self,
-        key: &str,
-        value: &Placed<&'r DeValue<'r>>,
-    ) -> Option<Placed<Vec<Placed<f64>>>> {
-        self.shape_of(key, Shape::Numbers(None));
         let Some(items) = value.value.as_array() else {
-            self.wrong_shape(key, value, "a list of numbers");
-            return None;
+            return self.wrong_shape(key, &value, "a list of numbers");
         };
         let mut numbers = Vec::with_capacity(items.len());
         for (i, item) in items.iter().enumerate() {
@@ -91,35 +78,22 @@ impl<'r> Section<'r> {
                 numbers.push(Placed::new(number, item.place));
             }
         }
-        (numbers.len() == items.len()).then(|| Placed::new(numbers, value.place.clone()))
+        (numbers.len() == items.len()).then(|| Placed::new(numbers, value.place))
     }
 
     /// A list of exactly `N` finite numbers.
     pub(crate) fn fixed<const N: usize>(&self, key: &'static str, shape: &str) -> Option<Placed<[f64; N]>> {
+        let list = self.numbers(key);
         self.shape(key, Shape::Numbers(Some(N)));
-        let value = self.value(key)?;
-        self.fixed_list(key, &value, shape)
-    }
-
-    /// Exactly `N` numbers of a list.
-    pub(crate) fn fixed_list<const N: usize>(
-        &self,
-        key: &str,
-        value: &Placed<&'r DeValue<'r>>,
-        shape: &str,
-    ) -> Option<Placed<[f64; N]>> {
-        let list = self.list(key, value);
-        self.shape_of(key, Shape::Numbers(Some(N)));
         let list = list?;
         let found = list.value.len();
         let plain: Vec<f64> = list.value.iter().map(|n| n.value).collect();
         let Ok(array) = <[f64; N]>::try_from(plain) else {
-            self.report(Diagnostic::at(
+            return self.refuse(
                 list.place,
                 format!("{} has {found} numbers", self.named_key(key)),
                 format!("write {N} numbers: {shape}"),
-            ));
-            return None;
+            );
         };
         Some(Placed::new(array, list.place))
     }
@@ -132,12 +106,7 @@ impl<'r> Section<'r> {
             return Some(pair);
         }
         let message = format!("{} from {low} to {high} is empty", self.named_key(key));
-        self.report(Diagnostic::at(
-            pair.place,
-            message,
-            "write the lower end first and a larger upper end behind it",
-        ));
-        None
+        self.refuse(pair.place, message, "write the lower end first and a larger upper end behind it")
     }
 
     fn finite(&self, key: &str, value: &Placed<&DeValue<'_>>, row: Option<usize>) -> Option<f64> {
@@ -145,25 +114,17 @@ impl<'r> Section<'r> {
             DeValue::Float(v) => v.as_str().parse::<f64>().ok(),
             DeValue::Integer(v) if v.radix() == 10 => v.as_str().parse::<f64>().ok(),
             DeValue::Integer(v) => i64::from_str_radix(v.as_str(), v.radix()).ok().map(|i| i as f64),
-            _ => {
-                self.wrong_shape(
-                    key,
-                    value,
-                    if row.is_some() { "a list of numbers only" } else { "a number" },
-                );
-                return None;
-            }
+            _ if row.is_some() => return self.wrong_shape(key, value, "a list of numbers only"),
+            _ => return self.wrong_shape(key, value, "a number"),
         };
-        let number = number.filter(|v| v.is_finite());
-        if number.is_none() {
+        number.filter(|v| v.is_finite()).or_else(|| {
             let row = row.map_or(String::new(), |r| format!(", row {r},"));
-            self.report(Diagnostic::at(
+            self.refuse(
                 value.place.clone(),
                 format!("{}{row} is not a finite number", self.named_key(key)),
                 "write a finite number; a value that was not measured is left out with its row",
-            ));
-        }
-        number
+            )
+        })
     }
 
     /// A text.
@@ -172,11 +133,18 @@ impl<'r> Section<'r> {
         let value = self.value(key)?;
         match value.value {
             DeValue::String(text) => Some(Placed::new(text.as_ref(), value.place)),
-            _ => {
-                self.wrong_shape(key, &value, "a text in quotes");
-                None
-            }
+            _ => self.wrong_shape(key, &value, "a text in quotes"),
         }
+    }
+
+    /// A path, which must not be empty.
+    pub(crate) fn path(&self, key: &'static str, what: &str) -> Option<PathBuf> {
+        let path = self.text(key)?;
+        if path.value.trim().is_empty() {
+            let message = format!("{} is empty", self.named_key(key));
+            return self.refuse(path.place, message, format!("write the path of {what}"));
+        }
+        Some(PathBuf::from(path.value))
     }
 
     /// A list of texts.
@@ -186,21 +154,15 @@ impl<'r> Section<'r> {
         let texts: Option<Vec<_>> = value.value.as_array().and_then(|list| {
             list.iter().map(|item| Some(Placed::new(item.get_ref().as_str()?, item.span()))).collect()
         });
-        if texts.is_none() {
-            self.wrong_shape(key, &value, "a list of texts in quotes");
-        }
-        Some(Placed::new(texts?, value.place))
+        let texts = texts.or_else(|| self.wrong_shape(key, &value, "a list of texts in quotes"))?;
+        Some(Placed::new(texts, value.place))
     }
 
     /// True or false.
     pub(crate) fn flag(&self, key: &'static str) -> Option<bool> {
         self.shape(key, Shape::Flag);
         let value = self.value(key)?;
-        let flag = value.value.as_bool();
-        if flag.is_none() {
-            self.wrong_shape(key, &value, "true or false");
-        }
-        flag
+        value.value.as_bool().or_else(|| self.wrong_shape(key, &value, "true or false"))
     }
 
     /// One of several words.
@@ -216,12 +178,11 @@ impl<'r> Section<'r> {
             return Some(*meaning);
         }
         let known: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
-        self.report(Diagnostic::at(
+        self.refuse(
             text.place.clone(),
             format!("{} does not know \"{}\"", self.named_key(key), text.value),
             suggestion(text.value, &known, "write one of: "),
-        ));
-        None
+        )
     }
 }
 
