@@ -25,8 +25,7 @@ const fn exit_code(error: &DaemonError) -> u8 {
         DaemonError::Load(_) | DaemonError::Log(LogError::Level { .. }) => EX_CONFIG,
         DaemonError::Log(LogError::Journald(_))
         | DaemonError::Socket(_)
-        | DaemonError::SensorSocket { .. }
-        | DaemonError::HttpSocket { .. }
+        | DaemonError::Listen { .. }
         | DaemonError::System { .. } => EX_IOERR,
         DaemonError::Log(LogError::Taken(_))
         | DaemonError::CycleThread { .. }

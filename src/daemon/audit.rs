@@ -6,6 +6,16 @@ use super::write_queue::WriteQueue;
 
 pub use volcomp_state::audit::*;
 
+/// An entry of the daemon's own.
+pub(super) fn own(what: &str, result: &str) -> AuditEntry {
+    AuditEntry {
+        who: Who::daemon(),
+        what: what.to_owned(),
+        result: result.to_owned(),
+        ..AuditEntry::default()
+    }
+}
+
 /// The way into the audit log.
 #[derive(Debug, Clone, Default)]
 pub struct Audit {

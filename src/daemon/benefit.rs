@@ -180,7 +180,7 @@ mod tests {
             offset: wanted,
             wanted,
             position,
-            ..CycleRecord::UNANSWERED
+            ..CycleRecord::default()
         };
         let [without, with] = tip_errors(&model, &axes, &record, 0.5).expect("a position");
         assert!((without - deviation.map(um_from_mm)).norm() < 1e-6, "{without} {deviation}");

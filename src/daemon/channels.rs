@@ -21,7 +21,7 @@ use volcomp_engine::{Command, Event, Reason, ShadowScore, State};
 use volcomp_model::Model;
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::MonoTime;
-use volcomp_units::axes::{AxisArray, MAX_AXES};
+use volcomp_units::axes::AxisArray;
 
 /// Records in flight: two seconds at 4 kHz.
 const RECORDS: usize = 8192;
@@ -114,7 +114,7 @@ pub(super) enum LastOffset {
 }
 
 /// One position frame, for statistics and status.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct CycleRecord {
     /// False where nothing may be sent: offset, correction and times are not those of this frame.
     pub(super) answered: bool,
@@ -140,27 +140,6 @@ pub(super) struct CycleRecord {
     pub(super) turnaround_ns: i64,
     /// From the frame's bytes in hand to the correction computed, ns.
     pub(super) compute_ns: i64,
-}
-
-impl CycleRecord {
-    /// A frame that nothing was sent for.
-    pub(super) const UNANSWERED: Self = Self {
-        answered: false,
-        state: State::Off,
-        machine_state: MachineState::from_bits(0),
-        limited: 0,
-        warning: 0,
-        out_of_range: 0,
-        lagging: 0,
-        lag_cycles: None,
-        offset: [0.0; MAX_AXES],
-        wanted: [0.0; MAX_AXES],
-        position: [0.0; MAX_AXES],
-        applied: [0.0; MAX_AXES],
-        age_ns: 0,
-        turnaround_ns: 0,
-        compute_ns: 0,
-    };
 }
 
 /// Counters that the cycle thread writes and anybody reads.
@@ -338,24 +317,13 @@ pub(super) struct ServiceChannels {
 
 /// Both ends.
 pub(super) fn channels() -> (CycleChannels, ServiceChannels) {
-    let (request_sender, request_receiver) = bounded(REQUESTS);
-    let (report_sender, report_receiver) = bounded(REPORTS);
-    let (record_sender, record_receiver) = bounded(RECORDS);
+    let (request_sender, requests) = bounded(REQUESTS);
+    let (reports, report_receiver) = bounded(REPORTS);
+    let (records, record_receiver) = bounded(RECORDS);
     let progress = Arc::new(Progress::default());
-    let cycle = CycleChannels {
-        requests: request_receiver,
-        reports: report_sender,
-        records: record_sender,
-        progress: Arc::clone(&progress),
-        tap: None,
-    };
-    let service = ServiceChannels {
-        requests: request_sender,
-        reports: report_receiver,
-        records: record_receiver,
-        progress,
-    };
-    (cycle, service)
+    let cycle = CycleChannels { requests, reports, records, progress: Arc::clone(&progress), tap: None };
+    let (requests, reports, records) = (request_sender, report_receiver, record_receiver);
+    (cycle, ServiceChannels { requests, reports, records, progress })
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ use super::sync::{Mutex, sleep, spawn_blocking, timeout};
 use super::write_queue::Saved;
 use exclusive_access::ExclusiveAccess;
 
+use volcomp_config::Policy;
 use volcomp_engine::Command;
 use volcomp_engine::fault::Code;
 
@@ -262,7 +263,7 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
         return Answer::refused(format!("{fault}; once its cause is gone: `volcomp enable --clear-fault`"));
     }
     let against = service.lock().hindrances(ask.accept_expired);
-    if let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy != volcomp_config::Policy::Warn) {
+    if let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy != Policy::Warn) {
         return Answer::refused(hindrance.to_string());
     }
     if service.lock().is_shadowing() {
@@ -400,11 +401,7 @@ fn may_be_used(new: &Prepared, service: &Mutex<Service>) -> Result<(), String> {
     if !service.is_wanted() {
         return Ok(());
     }
-    match service
-        .hindrances_of(new, false)
-        .into_iter()
-        .find(|(_, policy)| *policy != volcomp_config::Policy::Warn)
-    {
+    match service.hindrances_of(new, false).iter().find(|(_, policy)| *policy != Policy::Warn) {
         Some((hindrance, _)) => Err(format!(
             "{hindrance}\n  hint: `volcomp disable` first; enabling then asks for what is needed"
         )),

@@ -128,12 +128,12 @@ impl Control {
             return matches!(command, Command::Enable | Command::ClearFault) && self.kept_fault;
         };
         session.command(now, command);
-        self.kept_fault = session.state() == State::Faulted;
-        progress.set_state(session.state());
+        self.kept_fault = session.engine().state() == State::Faulted;
+        progress.set_state(session.engine().state());
         // the engine has the last word: a fault is not enabled, and only a fault at zero can be cleared
-        progress.wanted.store(session.is_enabled(), Relaxed);
+        progress.wanted.store(session.engine().is_enabled(), Relaxed);
         match command {
-            Command::Enable => !session.is_enabled(),
+            Command::Enable => !session.engine().is_enabled(),
             Command::ClearFault => self.kept_fault,
             _ => false,
         }
@@ -218,7 +218,7 @@ impl Control {
         if let Some(tap) = of_the_old.or_else(|| self.channels.tap.take()) {
             session.record_to(tap, now, hello);
         }
-        self.kept_fault |= seat.as_ref().is_some_and(|(_, old)| old.state() == State::Faulted);
+        self.kept_fault |= seat.as_ref().is_some_and(|(_, old)| old.engine().state() == State::Faulted);
         self.brief(now, &mut session);
         *seat = Some((*hello, session));
         Ok(())
@@ -231,10 +231,10 @@ impl Control {
         let event =
             if answered { session.output().and_then(|output| output.event) } else { session.take_event() };
         let progress = &self.channels.progress;
-        progress.set_state(session.state());
-        progress.set_waits_for(session.waits_for());
+        progress.set_state(session.engine().state());
+        progress.set_waits_for(session.engine().waits_for());
         // a fault ends the wish to compensate, until it is cleared and enabled again
-        if session.state() == State::Faulted {
+        if session.engine().state() == State::Faulted {
             progress.wanted.store(false, Relaxed);
         }
         if let Some(event) = event {
@@ -248,7 +248,7 @@ impl Control {
         if let Some(live) = &mut self.live {
             live.link_up(hello);
         }
-        self.channels.progress.set_state(session.state());
+        self.channels.progress.set_state(session.engine().state());
         self.channels.progress.set_waits_for(None);
         self.channels.progress.set_link(true);
     }
@@ -260,7 +260,7 @@ impl Control {
             live.link_down();
         }
         self.channels.progress.set_link(false);
-        self.channels.progress.set_state(session.state());
+        self.channels.progress.set_state(session.engine().state());
     }
 
     /// The model for the next engine.

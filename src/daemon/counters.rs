@@ -169,7 +169,7 @@ mod tests {
             offset,
             wanted: offset,
             applied: offset,
-            ..CycleRecord::UNANSWERED
+            ..CycleRecord::default()
         }
     }
 

@@ -96,7 +96,9 @@ impl Cycle<'_> {
     fn stopped(&self, now: MonoTime) -> Option<LinkEnd> {
         let done = match self.control.stop {
             Stop::No => false,
-            Stop::By(limit) => self.session.is_stopped() && !self.session.is_unanswered() || now >= limit,
+            Stop::By(limit) => {
+                self.session.engine().is_stopped() && !self.session.is_unanswered() || now >= limit
+            }
             Stop::Now => true,
         };
         done.then(|| LinkEnd::Stopped { at_rest: self.session.is_at_rest() })
@@ -115,7 +117,7 @@ impl Cycle<'_> {
             }
             self.session.record();
         }
-        link.show(self.session.state())?;
+        link.show(self.session.engine().state())?;
         self.session.run_shadow_on_deadline(now);
         if now.seconds_since(link.life_signs().sent) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;
@@ -178,8 +180,8 @@ impl Cycle<'_> {
 
     /// Why the link must end so that the next one can start from what the control holds.
     fn new_link(&self) -> Option<LinkEnd> {
-        let silenced = self.session.state() == State::Faulted;
-        self.session.needs_new_link().then_some(if silenced {
+        let silenced = self.session.engine().state() == State::Faulted;
+        self.session.engine().needs_new_link().then_some(if silenced {
             LinkEnd::Silenced
         } else {
             LinkEnd::OffsetMoved
@@ -248,11 +250,11 @@ impl Cycle<'_> {
             }
             self.control.report(self.session, false);
             self.control.channels.record(CycleRecord {
-                state: self.session.state(),
+                state: self.session.engine().state(),
                 machine_state: frame.state,
                 position: frame.commanded,
                 applied: frame.applied,
-                ..CycleRecord::UNANSWERED
+                ..CycleRecord::default()
             });
             return Ok(());
         };

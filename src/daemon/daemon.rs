@@ -53,22 +53,14 @@ pub enum DaemonError {
     /// The status socket.
     #[error(transparent)]
     Socket(#[from] SocketError),
-    /// The socket of the sensors.
+    /// A socket that is listened at.
     #[error(
-        "error: sensors.listen {address}: {source}\n  hint: another program has this port, or this computer has no such address"
+        "error: {key} {address}: {source}\n  hint: another program has this port, or this computer has no such address"
     )]
-    SensorSocket {
-        /// Where sensors were to connect.
-        address: std::net::SocketAddr,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// The socket of the HTTP service.
-    #[error(
-        "error: http.listen {address}: {source}\n  hint: another program has this port, or this computer has no such address"
-    )]
-    HttpSocket {
-        /// Where it was to listen.
+    Listen {
+        /// The key of the machine file that states the address.
+        key: &'static str,
+        /// The address.
         address: std::net::SocketAddr,
         /// What the system says.
         source: io::Error,
@@ -229,7 +221,7 @@ fn http_listener(config: &MachineConfig) -> Result<Option<TcpListener>, DaemonEr
     let Some(address) = config.http.listen else { return Ok(None) };
     let listener = TcpListener::bind(address)
         .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
-        .map_err(|source| DaemonError::HttpSocket { address, source })?;
+        .map_err(|source| DaemonError::Listen { key: "http.listen", address, source })?;
     if config.http.plain_remote && !is_this_computer(address.ip()) {
         warn!(%address, "plain-remote: whoever reaches this port can see the state of the machine");
     }
@@ -293,7 +285,7 @@ async fn live(
     let (known, idle) = (Arc::clone(&sensors.known), Duration::from_secs_f64(config.idle_s));
     let listener = Listener::bind(address, readings, dropped, known, (clock, time), idle)
         .await
-        .map_err(|source| DaemonError::SensorSocket { address, source })?;
+        .map_err(|source| DaemonError::Listen { key: "sensors.listen", address, source })?;
     if config.plain_remote && !is_this_computer(address.ip()) {
         warn!(%address, "plain-remote: anyone who reaches this port can send live values, within the limits of the model");
     }

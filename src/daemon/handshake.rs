@@ -113,6 +113,7 @@ impl LinkError {
 
     /// Code and reason for the control before closing, where it is worth telling; the reason in at most [`Name::MAX`] bytes.
     pub(super) fn report(&self) -> Option<(ErrorCode, String)> {
+        let axes = |detail: String| (ErrorCode::WrongAxes, detail);
         let (code, detail) = match self {
             Self::Frame { source, .. } => {
                 (ErrorCode::BadFrame, ErrorReport::from(*source).detail.as_str().to_owned())
@@ -129,22 +130,18 @@ impl LinkError {
                 HelloMismatch::Cycle { expected_ms, found_ms } => {
                     (ErrorCode::WrongCycle, format!("cycle {found_ms} ms, not {expected_ms} ms"))
                 }
-                HelloMismatch::AxisMissing { axis, .. } => {
-                    (ErrorCode::WrongAxes, format!("axis {axis} is missing"))
-                }
+                HelloMismatch::AxisMissing { axis, .. } => axes(format!("axis {axis} is missing")),
                 HelloMismatch::AxisUnit { axis, found } => {
                     let unit = if *found == AxisUnit::Degree { "mm, not deg" } else { "deg, not mm" };
-                    (ErrorCode::WrongAxes, format!("axis {axis} must be in {unit}"))
+                    axes(format!("axis {axis} must be in {unit}"))
                 }
-                HelloMismatch::AxisTwice { axis } => (ErrorCode::WrongAxes, format!("axis {axis} twice")),
-                HelloMismatch::AxisCount { found } => {
-                    (ErrorCode::WrongAxes, format!("{found} axes, must be 1 to {MAX_AXES}"))
-                }
+                HelloMismatch::AxisTwice { axis } => axes(format!("axis {axis} twice")),
+                HelloMismatch::AxisCount { found } => axes(format!("{found} axes, must be 1 to {MAX_AXES}")),
             },
             Self::Engine { source: EngineError::AxisMissing { axis }, .. } => {
-                (ErrorCode::WrongAxes, format!("the model needs axis {axis}"))
+                axes(format!("the model needs axis {axis}"))
             }
-            Self::Engine { .. } => (ErrorCode::WrongAxes, "axes do not fit the machine file".to_owned()),
+            Self::Engine { .. } => axes("axes do not fit the machine file".to_owned()),
             Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } | Self::Refused { .. } => {
                 return None;
             }

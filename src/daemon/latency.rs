@@ -5,6 +5,8 @@
 use hdrhistogram::{CreationError, Histogram};
 use serde::{Deserialize, Serialize};
 
+use super::channels::CycleRecord;
+
 /// Largest time held, ns.
 pub(super) const LONGEST_NS: u64 = 60_000_000_000;
 /// Nanoseconds in a microsecond.
@@ -18,15 +20,6 @@ pub(super) struct Latency {
     pub(super) compute: Histogram<u64>,
     /// Of the answers that left late: by how much.
     pub(super) lateness: Histogram<u64>,
-}
-
-/// One cycle's times, ns.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
-    pub(super) age_ns: i64,
-    pub(super) turnaround_ns: i64,
-    pub(super) compute_ns: i64,
-    pub(super) cycle_ns: i64,
 }
 
 /// Every histogram of the present link, or of the last one: what `volcomp status --histograms` prints.
@@ -75,8 +68,9 @@ impl Latency {
         }
     }
 
-    pub(super) fn record(&mut self, sample: &Sample) {
-        let Sample { age_ns, turnaround_ns, compute_ns, cycle_ns } = *sample;
+    /// Takes the times of an answered cycle.
+    pub(super) fn record(&mut self, record: &CycleRecord, cycle_ns: i64) {
+        let CycleRecord { age_ns, turnaround_ns, compute_ns, .. } = *record;
         // zero is below what a histogram holds
         let ns = |value: i64| u64::try_from(value).unwrap_or(0).max(1);
         self.age.saturating_record(ns(age_ns));
@@ -122,15 +116,16 @@ mod tests {
 
     const CYCLE_NS: i64 = 1_000_000;
 
-    fn sample(age_ns: i64) -> Sample {
-        Sample { age_ns, turnaround_ns: 12_000, compute_ns: 700, cycle_ns: CYCLE_NS }
+    fn record(latency: &mut Latency, age_ns: i64) {
+        let record = CycleRecord { age_ns, turnaround_ns: 12_000, compute_ns: 700, ..CycleRecord::default() };
+        latency.record(&record, CYCLE_NS);
     }
 
     #[test]
     fn lateness_is_what_is_beyond_one_cycle() {
         let mut latency = Latency::new().expect("histograms");
         for age_ns in [20_000, CYCLE_NS, CYCLE_NS + 250_000] {
-            latency.record(&sample(age_ns));
+            record(&mut latency, age_ns);
         }
         let told = latency.histograms();
         assert_eq!((told.age.count, told.roundtrip.count, told.compute.count), (3, 3, 3));
@@ -148,7 +143,7 @@ mod tests {
     fn bins_hold_every_cycle_in_order() {
         let mut latency = Latency::new().expect("histograms");
         for i in 0..1000 {
-            latency.record(&sample(1_000 * (i % 50)));
+            record(&mut latency, 1_000 * (i % 50));
         }
         let Bins { count, bins, min_us, max_us, .. } = latency.histograms().age;
         assert_eq!(bins.iter().map(|(_, n)| n).sum::<u64>(), count);
@@ -161,8 +156,8 @@ mod tests {
     #[test]
     fn nonsense_times_are_bounded() {
         let mut latency = Latency::new().expect("histograms");
-        latency.record(&sample(i64::MIN));
-        latency.record(&sample(i64::MAX));
+        record(&mut latency, i64::MIN);
+        record(&mut latency, i64::MAX);
         let age = latency.histograms().age;
         assert_eq!(age.count, 2);
         assert!(age.max_us.is_some_and(|us| us < 61e6), "{age:?}");

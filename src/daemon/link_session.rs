@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use super::recorder::{Tap, answer_of, request_of};
 use volcomp_engine::{
-    Command, Compensator, CycleOutput, EngineConfig, EngineError, Event, Reason, RestOffset, Shadow,
-    ShadowScore, State,
+    Command, Compensator, CycleOutput, EngineConfig, EngineError, Event, RestOffset, Shadow, ShadowScore,
+    State,
 };
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, SENSORS_MAX};
@@ -341,39 +341,15 @@ impl LinkSession {
         self.output.as_ref()
     }
 
-    /// The present state of the engine.
+    /// The engine, for its state and what it waits for.
     #[must_use]
-    pub const fn state(&self) -> State {
-        self.engine.state()
-    }
-
-    /// True where compensation is wanted; a fault ends that.
-    #[must_use]
-    pub const fn is_enabled(&self) -> bool {
-        self.engine.is_enabled()
-    }
-
-    /// Why an enabled compensation waits or is held.
-    #[must_use]
-    pub fn waits_for(&self) -> Option<Reason> {
-        self.engine.waits_for()
+    pub const fn engine(&self) -> &Compensator {
+        &self.engine
     }
 
     /// The change of state that no answer has reported, because none was sent.
     pub const fn take_event(&mut self) -> Option<Event> {
         self.engine.take_event()
-    }
-
-    /// True where this link must end, so that the next one starts from the offset that the control then reports.
-    #[must_use]
-    pub fn needs_new_link(&self) -> bool {
-        self.engine.needs_new_link()
-    }
-
-    /// True once a [`Command::Stop`] has been carried out, as far as this link and the machine's state allow.
-    #[must_use]
-    pub const fn is_stopped(&self) -> bool {
-        self.engine.is_stopped()
     }
 
     /// True while the newest offset answers no position: a control that sends none may refuse it as too old.
@@ -392,7 +368,8 @@ impl LinkSession {
             return false;
         }
         let zero = |(k, offset): (usize, &f64)| self.moved >> k & 1 == 0 || *offset == 0.0;
-        self.is_stopped() && (self.rest == RestOffset::Hold || output.offset.iter().enumerate().all(zero))
+        self.engine.is_stopped()
+            && (self.rest == RestOffset::Hold || output.offset.iter().enumerate().all(zero))
     }
 
     /// True where nothing may be sent, and the control has reported that it holds no offset.

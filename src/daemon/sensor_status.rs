@@ -203,14 +203,10 @@ impl ThermalDisplacementStatus {
 
 impl SensorStatus {
     fn new(h: &SensorHealth) -> Self {
-        let sensor_fault = match h.status {
-            estimate::SensorStatus::Excluded(sensor_fault) => Some(sensor_fault),
-            estimate::SensorStatus::Waiting | estimate::SensorStatus::Good => None,
-        };
-        let state = match h.status {
-            estimate::SensorStatus::Waiting => "waiting",
-            estimate::SensorStatus::Good => "good",
-            estimate::SensorStatus::Excluded(_) => "excluded",
+        let (state, sensor_fault) = match h.status {
+            estimate::SensorStatus::Waiting => ("waiting", None),
+            estimate::SensorStatus::Good => ("good", None),
+            estimate::SensorStatus::Excluded(sensor_fault) => ("excluded", Some(sensor_fault)),
         };
         Self {
             name: h.name.clone(),

@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime};
 use tracing::{info, warn};
 use volcomp_state::counters::FILE;
 
-use super::audit::{Audit, AuditEntry, Who};
+use super::audit::{self, Audit, AuditEntry};
 use super::benefit::Benefit;
 use super::channels::{LastOffset, Report, Request, ServiceChannels};
 use super::clock::Clock;
@@ -259,14 +259,14 @@ impl Service {
         warn!("compensation is ramped out: {hindrance}");
         let result =
             if self.request(Request::Engine(Command::Disable)).is_some() { "ordered" } else { "queue full" };
-        self.state_writer.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "disable".to_owned(),
-            why: Some(hindrance.to_string()),
-            new_model: Some(self.model_hash().to_owned()),
-            result: result.to_owned(),
-            ..AuditEntry::default()
-        });
+        self.audit_own("disable", hindrance.to_string(), result, None);
+    }
+
+    /// Writes an entry of the daemon's own to the audit log, with the model in use.
+    fn audit_own(&self, what: &str, why: String, result: &str, detail: Option<String>) {
+        let new_model = Some(self.model_hash().to_owned());
+        let entry = AuditEntry { why: Some(why), new_model, detail, ..audit::own(what, result) };
+        self.state_writer.audit.write(entry);
     }
 
     /// Takes in what the cycle thread has reported.
@@ -415,12 +415,7 @@ impl Service {
             recorder.finish();
         }
         self.save();
-        self.state_writer.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "stop".to_owned(),
-            result: result.to_owned(),
-            ..AuditEntry::default()
-        });
+        self.state_writer.audit.write(audit::own("stop", result));
         self.state_writer.finish();
     }
 

@@ -15,7 +15,7 @@ use volcomp_state::counters::{Counters, LOCK_FILE, Recalled, recall};
 use volcomp_state::disk::{Disk, real};
 
 use super::audit::chain::AuditFile;
-use super::audit::{AUDIT_FILE, Audit, AuditEntry, Who};
+use super::audit::{self, AUDIT_FILE, Audit, AuditEntry};
 use super::counters::unknown;
 use super::load::Loaded;
 use super::models::Prepared;
@@ -155,27 +155,21 @@ impl StateWriter {
     pub(super) fn announce(&self, loaded: &Loaded, active: &Prepared) {
         let hash = Some(active.hash.clone());
         self.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "start".to_owned(),
             new_model: hash.clone(),
-            result: "ok".to_owned(),
             detail: Some(format!(
                 "volcompd {}, machine {}, machine file blake3 {}",
                 env!("CARGO_PKG_VERSION"),
                 loaded.config.machine,
                 blake3::hash(loaded.config_text.as_bytes()).to_hex()
             )),
-            ..AuditEntry::default()
+            ..audit::own("start", "ok")
         });
         if self.known_model != hash {
             self.audit.write(AuditEntry {
-                who: Who::daemon(),
-                what: "model".to_owned(),
                 old_model: self.known_model.clone(),
                 new_model: hash,
-                result: "loaded".to_owned(),
                 detail: Some(active.origin.clone()),
-                ..AuditEntry::default()
+                ..audit::own("model", "loaded")
             });
         }
     }

@@ -10,7 +10,7 @@ use hdrhistogram::CreationError;
 use super::channels::{CycleRecord, Progress};
 use super::clock::Clock;
 use super::handshake;
-use super::latency::{Histograms, Latency, Sample, percentile_us};
+use super::latency::{Histograms, Latency, percentile_us};
 use super::link_session::UNLISTED_MIN;
 use super::load::Loaded;
 use super::realtime::RealtimeReport;
@@ -147,12 +147,7 @@ impl StatusCollector {
         if !record.answered {
             return;
         }
-        self.latency.record(&Sample {
-            age_ns: record.age_ns,
-            turnaround_ns: record.turnaround_ns,
-            compute_ns: record.compute_ns,
-            cycle_ns: (self.loaded.config.link.cycle_s * NS_PER_S).round() as i64,
-        });
+        self.latency.record(record, (self.loaded.config.link.cycle_s * NS_PER_S).round() as i64);
     }
 
     /// Every latency of the present link in full.

@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_state::bounded_read::{MODEL_BYTES_MAX, read_bounded};
-
-use super::{LoadError, text};
+use super::{LoadError, read_named, text};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_effects::addition::{Addition, Twice};
 use volcomp_effects::extend::{Fate, extend};
@@ -25,11 +23,7 @@ pub fn with_additions(
         let path = config_path.with_file_name(name);
         let wrong =
             |why: String| LoadError::Addition { config: config_path.to_owned(), path: path.clone(), why };
-        let bytes = read_bounded(&path, MODEL_BYTES_MAX).map_err(|source| LoadError::ReadAddition {
-            config: config_path.to_owned(),
-            path: path.clone(),
-            source,
-        })?;
+        let bytes = read_named(config_path, &path, ["addition", "`additions` are"])?;
         let addition = Addition::parse(text(&path, &bytes)?).map_err(wrong)?;
         addition.is_of(&model.spec.machine).map_err(|e| wrong(e.to_string()))?;
         let twice = |e: Twice| {

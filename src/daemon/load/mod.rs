@@ -49,28 +49,19 @@ pub enum LoadError {
         /// What the system says.
         source: io::Error,
     },
-    /// The model that the machine file names could not be read.
+    /// The model or an addition that the machine file names could not be read.
     #[error(
-        "error: {}: model {}: {}\n  hint: `model` is taken relative to the machine file",
+        "error: {}: {what} {}: {}\n  hint: {named} taken relative to the machine file",
         config.display(), path.display(), in_words(path, source)
     )]
-    ReadModel {
+    ReadNamed {
         /// The machine file.
         config: PathBuf,
-        /// The model file.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// An addition that the machine file names could not be read.
-    #[error(
-        "error: {}: addition {}: {}\n  hint: `additions` are taken relative to the machine file",
-        config.display(), path.display(), in_words(path, source)
-    )]
-    ReadAddition {
-        /// The machine file.
-        config: PathBuf,
-        /// The addition.
+        /// What the file is.
+        what: &'static str,
+        /// The key that names it, with its verb.
+        named: &'static str,
+        /// The file.
         path: PathBuf,
         /// What the system says.
         source: io::Error,
@@ -169,7 +160,7 @@ impl LoadError {
     #[must_use]
     pub const fn is_io(&self) -> bool {
         match self {
-            Self::Read { .. } | Self::ReadModel { .. } | Self::ReadAddition { .. } => true,
+            Self::Read { .. } | Self::ReadNamed { .. } => true,
             Self::Tls { source, .. } => source.is_io(),
             Self::Token { source, .. } => source.is_io(),
             Self::NotText { .. }
@@ -192,6 +183,14 @@ fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
     Ok((config, text.to_owned()))
 }
 
+/// A file that the machine file `config` names: what it is, and the key that names it with its verb.
+fn read_named(config: &Path, path: &Path, [what, named]: [&'static str; 2]) -> Result<Vec<u8>, LoadError> {
+    read_bounded(path, MODEL_BYTES_MAX).map_err(|source| {
+        let (config, path) = (config.to_owned(), path.to_owned());
+        LoadError::ReadNamed { config, what, named, path, source }
+    })
+}
+
 /// Reads a machine file and the model it names, relative to it.
 ///
 /// # Errors
@@ -199,11 +198,7 @@ fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     let (config, config_text) = read_config(path)?;
     let model_path = path.with_file_name(&config.model);
-    let bytes = read_bounded(&model_path, MODEL_BYTES_MAX).map_err(|source| LoadError::ReadModel {
-        config: path.to_owned(),
-        path: model_path.clone(),
-        source,
-    })?;
+    let bytes = read_named(path, &model_path, ["model", "`model` is"])?;
     let mut model_text = text(&model_path, &bytes)?.to_owned();
     let mut file = model::parse_file(&model_path.display().to_string(), &model_text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;

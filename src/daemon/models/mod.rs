@@ -82,6 +82,12 @@ impl Prepared {
             origin: origin.to_owned(),
         }
     }
+
+    /// That it is chosen now.
+    fn chosen(&self, who: Option<String>, why: Option<String>) -> Choice {
+        let since = utc::text(SystemTime::now());
+        Choice { hash: self.hash.clone(), origin: self.origin.clone(), since, who, why }
+    }
 }
 
 /// The models of a running daemon.
@@ -118,13 +124,7 @@ impl Models {
         hold: impl FnOnce(&str) -> io::Result<()>,
     ) -> Self {
         let configured = loaded.model.clone();
-        let choice = Choice {
-            hash: configured.hash.clone(),
-            origin: configured.origin.clone(),
-            since: utc::text(SystemTime::now()),
-            who: None,
-            why: Some("named by the machine file".to_owned()),
-        };
+        let choice = configured.chosen(None, Some("named by the machine file".to_owned()));
         let mut models = Self {
             configured: configured.hash.clone(),
             active: Arc::new(configured),
@@ -249,13 +249,7 @@ impl Models {
         who: Option<String>,
         why: Option<String>,
     ) -> Keeping {
-        let choice = Choice {
-            hash: new.hash.clone(),
-            origin: new.origin.clone(),
-            since: utc::text(SystemTime::now()),
-            who,
-            why,
-        };
+        let choice = new.chosen(who, why);
         let back = self.previous.as_ref().is_some_and(|p| p.hash == new.hash);
         self.previous = Some(core::mem::replace(&mut self.active, Arc::clone(&new)));
         self.choice = choice.clone();

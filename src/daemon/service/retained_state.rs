@@ -9,7 +9,6 @@ use tracing::{error, info, warn};
 use volcomp_state::counters::{Recalled, RetainedState};
 
 use super::Service;
-use crate::audit::{AuditEntry, Who};
 use crate::channels::{Request, Ticket};
 use crate::counters::unknown;
 use crate::sync;
@@ -86,14 +85,8 @@ impl Service {
             Some(why) => warn!("compensation stays off until an operator enables it: {why}"),
             None => self.tally.enabled(),
         }
-        self.state_writer.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "enable".to_owned(),
-            why: Some(self.retained.objection.clone().unwrap_or_else(|| "start = \"on-connect\"".to_owned())),
-            new_model: Some(self.model_hash().to_owned()),
-            result: if begins { "ordered" } else { "not done" }.to_owned(),
-            ..AuditEntry::default()
-        });
+        let why = self.retained.objection.clone().unwrap_or_else(|| "start = \"on-connect\"".to_owned());
+        self.audit_own("enable", why, if begins { "ordered" } else { "not done" }, None);
         begins
     }
 
@@ -214,14 +207,7 @@ impl Service {
         let why = format!("{code}: {text}");
         self.retained.objection = Some(why.clone());
         self.change(|retained| retained.hold = Some(why));
-        self.state_writer.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "disable".to_owned(),
-            why: Some(format!("{code} {text}")),
-            new_model: Some(self.model_hash().to_owned()),
-            result: "ordered".to_owned(),
-            ..AuditEntry::default()
-        });
+        self.audit_own("disable", format!("{code} {text}"), "ordered", None);
     }
 
     /// A fault is counted and goes into the audit log; it is latched, so it cannot come often.
@@ -233,20 +219,8 @@ impl Service {
         self.change(|retained| {
             (retained.fault, retained.fault_numbers) = (Some(entry.code.to_string()), numbers.clone());
         });
-        self.state_writer.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "fault".to_owned(),
-            why: Some(entry.text.to_owned()),
-            new_model: Some(self.model_hash().to_owned()),
-            result: "faulted".to_owned(),
-            detail: Some(format!(
-                "{} {}, in state {}{}",
-                entry.code,
-                entry.name,
-                from.name(),
-                numbers.map_or_else(String::new, |numbers| format!(": {numbers}"))
-            )),
-            ..AuditEntry::default()
-        });
+        let numbers = numbers.map_or_else(String::new, |numbers| format!(": {numbers}"));
+        let detail = format!("{} {}, in state {}{numbers}", entry.code, entry.name, from.name());
+        self.audit_own("fault", entry.text.to_owned(), "faulted", Some(detail));
     }
 }

@@ -78,7 +78,9 @@ pub(super) fn cycle(instance: &Instance, loaded: &Loaded, mut control: Control, 
         let stopped = match control.stop {
             Stop::No => false,
             Stop::By(limit) => {
-                now >= limit || !peer.up || seat.as_ref().is_none_or(|(_, session)| session.is_stopped())
+                now >= limit
+                    || !peer.up
+                    || seat.as_ref().is_none_or(|(_, session)| session.engine().is_stopped())
             }
             Stop::Now => true,
         };
@@ -114,7 +116,7 @@ pub(super) fn cycle(instance: &Instance, loaded: &Loaded, mut control: Control, 
             }
             control.report(session, matches!(reaction, Reaction::Answer(_)));
         }
-        if session.needs_new_link() {
+        if session.engine().needs_new_link() {
             control.link_down(now, session);
             peer = Peer::default();
         }
