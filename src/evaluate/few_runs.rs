@@ -16,6 +16,7 @@
 use volcomp_model::random::SplitMix64;
 
 use super::positioning::{AtTarget, Bidirectional, Spread, Unidirectional, bidirectional, unidirectional};
+use super::uncertainty::of_mean;
 
 /// Simulated tests at most, and at least where targets are many.
 const TESTS: [usize; 2] = [1000, 300];
@@ -165,10 +166,6 @@ fn interval<const N: usize>(
         let high = measured[k] + COVERAGE * variances[k].max(0.0).sqrt();
         FewRuns { bias: measured[k] - f64::midpoint(low, high), half: 0.5 * (high - low) }
     })
-}
-
-fn of_mean(p: &Spread) -> f64 {
-    p.s * p.s / p.n as f64
 }
 
 /// Values that compete for the largest get their mean.

@@ -253,7 +253,7 @@ pub(super) fn variances(targets: &[AtTarget]) -> Variances {
 }
 
 /// Variance of a mean.
-fn of_mean(p: &Spread) -> f64 {
+pub(super) fn of_mean(p: &Spread) -> f64 {
     p.s * p.s / p.n as f64
 }
 

@@ -174,26 +174,17 @@ pub fn solve(
     for pose in poses {
         rows.extend(rows_of(head, pose, noise)?);
     }
-    let alone = twist::solve(&rows);
-    let rank = alone.as_ref().map_or_else(|d| d.rank, |_| 6);
-    let fit = match (alone, prior) {
-        (Ok(fit), None) => fit,
-        (Err(d), None) => {
-            return Err(RamError::Deficient {
-                poses: poses.len(),
-                rank,
-                unobservable: d.unobservable.first().copied().unwrap_or_else(Vector6::zeros),
-            });
-        }
-        (_, Some(prior)) => {
-            rows.extend(prior_rows(prior)?);
-            twist::solve(&rows).map_err(|d| RamError::Deficient {
-                poses: poses.len(),
-                rank: d.rank,
-                unobservable: d.unobservable.first().copied().unwrap_or_else(Vector6::zeros),
-            })?
-        }
-    };
+    let mut solved = twist::solve(&rows);
+    let rank = solved.as_ref().map_or_else(|d| d.rank, |_| 6);
+    if let Some(prior) = prior {
+        rows.extend(prior_rows(prior)?);
+        solved = twist::solve(&rows);
+    }
+    let fit = solved.map_err(|d| RamError::Deficient {
+        poses: poses.len(),
+        rank: d.rank,
+        unobservable: d.unobservable.first().copied().unwrap_or_else(Vector6::zeros),
+    })?;
     Ok(RamFit {
         motion: fit.value,
         covariance: fit.covariance,

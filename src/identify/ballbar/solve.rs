@@ -92,18 +92,14 @@ fn select(circles: &Circles, request: &Request, has_length: bool) -> Selected {
     let (effects, missing) = columns::of_effects(circles);
     let mut selected = Selected { columns: columns::of_circle(circles), missing };
     let mut basis = Basis::of(&selected.columns);
-    for column in effects {
-        selected.take(column, &mut basis);
-    }
+    selected.take_all(effects, &mut basis);
     for axis in 0..2 {
         if let Some(p) = columns::given(request.pitch[axis]) {
-            for column in columns::of_cyclic(circles, axis, p) {
-                selected.take(column, &mut basis);
-            }
+            selected.take_all(columns::of_cyclic(circles, axis, p), &mut basis);
         }
     }
     if has_length {
-        columns::of_length(circles).into_iter().for_each(|column| selected.take(column, &mut basis));
+        selected.take_all(columns::of_length(circles), &mut basis);
     }
     selected
 }
@@ -116,10 +112,14 @@ struct Basis {
 impl Basis {
     fn of(columns: &[Column]) -> Self {
         let mut basis = Self { directions: Vec::new() };
-        for c in columns {
-            basis.add(&c.values);
-        }
+        basis.add_all(columns);
         basis
+    }
+
+    fn add_all(&mut self, columns: &[Column]) {
+        for column in columns {
+            self.add(&column.values);
+        }
     }
 
     /// What is left of a column of unit length beside the others, and its direction.
@@ -150,6 +150,10 @@ impl Basis {
 }
 
 impl Selected {
+    fn take_all(&mut self, columns: impl IntoIterator<Item = Column>, basis: &mut Basis) {
+        columns.into_iter().for_each(|column| self.take(column, basis));
+    }
+
     fn take(&mut self, column: Column, basis: &mut Basis) {
         if basis.add(&column.values) > LEFT_OVER {
             self.columns.push(column);
@@ -221,13 +225,9 @@ fn choose_spike_time(
     let explained = |time: f64| {
         let mut basis = Basis { directions: basis.directions.clone() };
         let all = columns::of_spikes(circles, time);
-        for column in &all.places {
-            basis.add(&column.values);
-        }
+        basis.add_all(&all.places);
         let before = basis.directions.len();
-        for column in &all.spikes {
-            basis.add(&column.values);
-        }
+        basis.add_all(&all.spikes);
         basis.directions[before..].iter().map(|d| d.dot(y).powi(2)).sum::<f64>()
     };
     let steps = 12;
@@ -239,13 +239,9 @@ fn choose_spike_time(
     let all = columns::of_spikes(circles, time);
     selected.missing.extend(all.missing);
     let mut basis = basis;
-    for column in all.places {
-        selected.take(column, &mut basis);
-    }
+    selected.take_all(all.places, &mut basis);
     let before = selected.columns.len();
-    for column in all.spikes {
-        selected.take(column, &mut basis);
-    }
+    selected.take_all(all.spikes, &mut basis);
     (selected.columns.len() > before).then_some(time)
 }
 
@@ -277,9 +273,7 @@ fn choose_pitches(
             Ok(p) => {
                 *found = Some(p);
                 let mut basis = Basis::of(&selected.columns);
-                for column in columns::of_cyclic(circles, axis, p) {
-                    selected.take(column, &mut basis);
-                }
+                selected.take_all(columns::of_cyclic(circles, axis, p), &mut basis);
             }
             Err(limit) => selected.missing.push((Effect::Cyclic(axis), Reason::NoPitch { limit })),
         }

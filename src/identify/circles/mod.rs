@@ -328,17 +328,12 @@ fn coaxial_rows(
         let height = (centres[k] - origin).dot(direction);
         // the plane: distance along the axis; turning the axis carries the centre sideways and tilts the plane
         misfit[2 * row] = along;
-        for (j, value) in [-x, -y].into_iter().enumerate() {
-            design[(2 * row, j)] = value;
-        }
+        design.fixed_view_mut::<1, 2>(2 * row, 0).copy_from_slice(&[-x, -y]);
         design[(2 * row, 4 + k)] = 1.0;
         // the circle: outwards
         misfit[2 * row + 1] = radius - radii[k];
-        for (j, value) in
-            [cosine * (height + along), sine * (height + along), cosine, sine].into_iter().enumerate()
-        {
-            design[(2 * row + 1, j)] = value;
-        }
+        let outwards = [cosine * (height + along), sine * (height + along), cosine, sine];
+        design.fixed_view_mut::<1, 4>(2 * row + 1, 0).copy_from_slice(&outwards);
         design[(2 * row + 1, 6 + k)] = 1.0;
     }
     (design, misfit)

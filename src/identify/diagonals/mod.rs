@@ -363,18 +363,17 @@ impl Setup {
 
 /// The nine angular error motions of X, Y and Z.
 fn angles() -> impl Iterator<Item = ErrorSymbol> {
-    AXES.into_iter().flat_map(|axis| {
-        [Component::A, Component::B, Component::C].map(|component| ErrorSymbol::Motion { component, axis })
-    })
+    motions([Component::A, Component::B, Component::C])
 }
 
 /// The six straightness error motions of X, Y and Z.
 fn straightnesses() -> impl Iterator<Item = ErrorSymbol> {
-    let of = |axis: AxisName| {
-        [Component::X, Component::Y, Component::Z].map(|component| ErrorSymbol::Motion { component, axis })
-    };
-    let is_across = |s: &ErrorSymbol| !matches!(s, ErrorSymbol::Motion { component, axis } if component.index() == axis.direction());
-    AXES.into_iter().flat_map(of).filter(is_across)
+    let is_across = |s: &ErrorSymbol| s.component().index() != s.axis().direction();
+    motions([Component::X, Component::Y, Component::Z]).filter(is_across)
+}
+
+fn motions(components: [Component; 3]) -> impl Iterator<Item = ErrorSymbol> {
+    AXES.into_iter().flat_map(move |axis| components.map(|component| ErrorSymbol::Motion { component, axis }))
 }
 
 /// The model without its squarenesses and without what only sensors tell.

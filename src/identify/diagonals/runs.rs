@@ -119,17 +119,12 @@ pub fn end_to_end(readings: &[RunReading], length: f64) -> Result<EndToEnd, Runs
 
 /// Mean of the runs at each target.
 fn mean_steps(runs: &[Run]) -> Vec<(f64, f64)> {
-    let all: Vec<Reading> = runs
+    let readings: Vec<Reading> = runs
         .iter()
         .flat_map(|r| &r.steps)
         .map(|&(position, value)| Reading { cycle: 0, travel: Travel::Forward, position, value })
         .collect();
-    means(&all)
-}
-
-/// Mean value at each distinct position.
-fn means(readings: &[Reading]) -> Vec<(f64, f64)> {
-    let (positions, group) = group_by_position(readings);
+    let (positions, group) = group_by_position(&readings);
     let mut sums = vec![(0.0, 0usize); positions.len()];
     for (r, &g) in readings.iter().zip(&group) {
         sums[g].0 += r.value;

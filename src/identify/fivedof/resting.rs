@@ -223,6 +223,17 @@ fn drift(blocks: &[Block<'_>], head: &Head, beam: usize, i: usize) -> Result<f64
     Ok(drift / head.focal[psd])
 }
 
+impl Estimate {
+    /// Refuses a gain that is too uncertain.
+    fn check(self, detector: Detector, direction: u8) -> Result<(), RestingError> {
+        let Self { value, std } = self;
+        if std <= GAIN_STD_MAX && value.abs() > 5.0 * std {
+            return Ok(());
+        }
+        Err(RestingError::Undetermined { detector, direction, value, std })
+    }
+}
+
 impl Calibration {
     /// By how many standard deviations the nearest gain lies above the halved one (d theta/2, as printed in paper 002).
     #[must_use]
@@ -266,10 +277,7 @@ impl Calibration {
             .map(|(d, s)| (*d, Estimate { value: s.value * focal / 2.0, std: s.std * focal / 2.0 }))
             .collect();
         let (gain, path, chi2) = weighted_line(&levers);
-        if !(gain.std <= GAIN_STD_MAX && gain.value.abs() > 5.0 * gain.std) {
-            let Estimate { value, std } = gain;
-            return Err(RestingError::Undetermined { detector, direction, value, std });
-        }
+        gain.check(detector, direction)?;
         if let Some(response) = push_response(blocks, psd, qd, i, &slopes) {
             if !(1.6..=2.4).contains(&response.abs()) {
                 return Err(RestingError::Push { detector, direction, response });
@@ -295,15 +303,7 @@ impl Calibration {
         self.head.noise[0][i] = rest.sqrt();
         let scale = self.head.focal[1] / self.head.focal[0];
         let gain = Estimate { value: slope.value * scale, std: slope.std * scale };
-        if !(gain.std <= GAIN_STD_MAX && gain.value.abs() > 5.0 * gain.std) {
-            let Estimate { value, std } = gain;
-            return Err(RestingError::Undetermined {
-                detector: Detector::Psd1,
-                direction: i as u8 + 1,
-                value,
-                std,
-            });
-        }
+        gain.check(Detector::Psd1, i as u8 + 1)?;
         self.head.signs[0][i] = -gain.value.signum() * self.head.signs[1][i];
         self.angle_gain[i] = Estimate { value: gain.value.abs(), ..gain };
         self.head.angle_gain[i] = gain.value.abs();

@@ -379,12 +379,7 @@ fn write_into(spec: &mut ModelSpec, found: &mut Found, how: Curves) -> Result<()
 fn fitted(support: &[(f64, f64)], symbol: ErrorSymbol) -> Result<CurveFit, GrinderError> {
     let readings: Vec<Reading> = support
         .iter()
-        .map(|(position, value)| Reading {
-            cycle: 0,
-            travel: Travel::Forward,
-            position: *position,
-            value: *value,
-        })
+        .map(|&(position, value)| Reading { cycle: 0, travel: Travel::Forward, position, value })
         .collect();
     let turn = (symbol.axis().kind() == AxisKind::Rotary).then_some(core::f64::consts::TAU);
     curve::fit(&readings, &curve::Request { turn, ..curve::Request::default() })

@@ -298,17 +298,11 @@ fn finish(
 /// Centre and radius in one matrix.
 fn cofactor(circle: &Circle2) -> Matrix3<f64> {
     let (c, cr) = (&circle.centre_cofactor, &circle.centre_radius_cofactor);
-    Matrix3::new(
-        c[(0, 0)],
-        c[(0, 1)],
-        cr[0], //
-        c[(1, 0)],
-        c[(1, 1)],
-        cr[1], //
-        cr[0],
-        cr[1],
-        circle.radius_cofactor,
-    )
+    Matrix3::from_fn(|i, j| match (i, j) {
+        (2, 2) => circle.radius_cofactor,
+        (2, k) | (k, 2) => cr[k],
+        at => c[at],
+    })
 }
 
 /// Distance of a point from the circle.

@@ -93,19 +93,9 @@ impl Sums {
             i if i + 1 == size => 1.0,
             i => -line.coefficients[i - 1],
         });
-        let full = self.products.symmetric_part_of_lower();
+        // only the lower half is filled
+        let full = DMatrix::from_fn(size, size, |i, j| self.products[(i.max(j), i.min(j))]);
         (weights.transpose() * full * &weights)[0].max(0.0)
-    }
-}
-
-/// A matrix of which only the lower half is filled.
-trait Lower {
-    fn symmetric_part_of_lower(&self) -> DMatrix<f64>;
-}
-
-impl Lower for DMatrix<f64> {
-    fn symmetric_part_of_lower(&self) -> DMatrix<f64> {
-        DMatrix::from_fn(self.nrows(), self.ncols(), |i, j| self[(i.max(j), i.min(j))])
     }
 }
 

@@ -156,18 +156,9 @@ fn coverage(positions: usize, confidence: f64) -> f64 {
 
 fn best_three(request: &PlanRequest) -> Vec<usize> {
     let n = request.points.len();
-    let mut best: Option<(f64, Vec<usize>)> = None;
-    for a in 0..n {
-        for b in a + 1..n {
-            for c in b + 1..n {
-                let three = vec![a, b, c];
-                let cost = cost(request, &three);
-                if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                    best = Some((cost, three));
-                }
-            }
-        }
-    }
+    let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+    let threes = pairs.flat_map(|(a, b)| (b + 1..n).map(move |c| vec![a, b, c]));
+    let best = threes.map(|three| (cost(request, &three), three)).min_by(|a, b| a.0.total_cmp(&b.0));
     best.filter(|(cost, _)| cost.is_finite()).map_or_else(Vec::new, |(_, three)| three)
 }
 
