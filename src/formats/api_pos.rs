@@ -71,9 +71,8 @@ pub fn parse(text: &str) -> Result<Means, FormatError> {
     let apart = rows.iter().any(|(b, ..)| matches!(b, Block::Forward | Block::Reverse));
     rows.retain(|(b, ..)| if apart { *b != Block::Both } else { *b == Block::Both });
     if rows.is_empty() {
-        let remedy = "is this a .pos file of a linear test?";
-        let kind = FormatErrorKind::Missing { what: "a block 'Position .. Avg Error' with rows", remedy };
-        return Err(FormatError::at(1, 1, kind));
+        let what = "a block 'Position .. Avg Error' with rows";
+        return Err(FormatError::missing(1, what, "is this a .pos file of a linear test?"));
     }
     let (readings, lines) = rows
         .into_iter()

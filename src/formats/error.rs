@@ -64,6 +64,11 @@ impl FormatError {
     pub const fn at(line: usize, column: usize, kind: FormatErrorKind) -> Self {
         Self { place: Place::Text { line, column }, kind }
     }
+
+    /// Something is missing at a line.
+    pub(super) const fn missing(line: usize, what: &'static str, remedy: &'static str) -> Self {
+        Self::at(line, 1, FormatErrorKind::Missing { what, remedy })
+    }
 }
 
 /// What is wrong.

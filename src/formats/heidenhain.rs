@@ -94,20 +94,18 @@ pub fn parse(text: &str, axis: AxisName, sign: Option<Sign>) -> Result<ComTable,
         }
     }
     if begun && !ended {
-        let kind = FormatErrorKind::Missing { what: "[END]", remedy: "the file is cut" };
-        return Err(FormatError::at(last, 1, kind));
+        return Err(FormatError::missing(last, "[END]", "the file is cut"));
     }
-    let missing = |what, remedy| FormatError::at(1, 1, FormatErrorKind::Missing { what, remedy });
-    let columns = header.ok_or_else(|| missing("the header with AXISPOS", "is this a .COM table?"))?;
+    let missing = || FormatError::missing(1, "the header with AXISPOS", "is this a .COM table?");
+    let columns = header.ok_or_else(missing)?;
     let Some(sign) = sign else {
         let what = "what its values are: no document found states their sign";
         let remedy = "give --sign deviation (actual - nominal) or --sign correction, after a look into the control's manual";
         return Err(columns[0].0.fail(FormatErrorKind::NotStated { what, remedy }));
     };
     if rows.is_empty() {
-        return Err(columns[0]
-            .0
-            .fail(FormatErrorKind::Missing { what: "a row below the header", remedy: "is the file cut?" }));
+        let (what, remedy) = ("a row below the header", "is the file cut?");
+        return Err(columns[0].0.fail(FormatErrorKind::Missing { what, remedy }));
     }
     build(axis, &columns, &rows, sign)
 }
@@ -133,8 +131,7 @@ fn read_header(line: Word<'_>, axis: AxisName) -> Result<Vec<(Word<'_>, ColumnKi
             _ => return Err(word.unexpected("a column NR, AXISPOS, BACKLASH or an axis letter")),
         };
         if columns.iter().any(|(_, k)| *k == kind) {
-            let what = format!("column {}", word.text);
-            return Err(word.fail(FormatErrorKind::Twice { what, first: line.line }));
+            return Err(word.twice(format!("column {}", word.text), line.line));
         }
         if let ColumnKind::Axis(name) = kind
             && component(axis, name).is_none()
@@ -167,18 +164,13 @@ fn read_row(
     rows: usize,
 ) -> Result<Vec<f64>, FormatError> {
     if rows == ROWS_MAX {
-        return Err(line.fail(FormatErrorKind::TooMany {
-            what: "rows",
-            found: ROWS_MAX + 1,
-            limit: ROWS_MAX,
-        }));
+        return Err(line.too_many("rows", ROWS_MAX + 1, ROWS_MAX));
     }
     let numbers = words(line).map(|w| w.number("a value in mm or deg")).collect::<Result<Vec<f64>, _>>()?;
     if numbers.len() == columns.len() {
         return Ok(numbers);
     }
-    let (announced, found) = (columns.len() as u64, numbers.len() as u64);
-    Err(line.fail(FormatErrorKind::Count { what: "columns", announced, found }))
+    Err(line.count("columns", columns.len(), numbers.len()))
 }
 
 fn build(

@@ -90,15 +90,14 @@ impl<'a> Raw<'a> {
     }
 
     fn finish(self, kind: AxisKind, increment: Option<f64>) -> Result<ErrorFunction, FormatError> {
-        let missing = |what, remedy| FormatError::at(1, 1, FormatErrorKind::Missing { what, remedy });
         if self.points.is_empty() {
-            return Err(missing("kw.ssfk.table[0].pos", "is this a list with a leadscrew compensation?"));
+            let remedy = "is this a list with a leadscrew compensation?";
+            return Err(FormatError::missing(1, "kw.ssfk.table[0].pos", remedy));
         }
         if let Some((word, announced)) = self.keys.get("kw_nr_max")
             && *announced != self.points.len() as f64
         {
-            let (announced, found) = (*announced as u64, self.points.len() as u64);
-            return Err(word.fail(FormatErrorKind::Count { what: "points of the table", announced, found }));
+            return Err(word.count("points of the table", *announced as usize, self.points.len()));
         }
         if let Some((word, _)) = self.keys.get("modulo").filter(|(_, v)| *v != 0.0) {
             let why = "a table of a modulo axis closes on itself; the model's tables end";
@@ -124,7 +123,7 @@ impl<'a> Raw<'a> {
         let mut rows = Vec::new();
         for (n, (index, [setpoint, pos, neg])) in self.points.iter().enumerate() {
             let line = pos.or(*neg).or(*setpoint).map_or(1, |(line, _)| line);
-            let absent = |what, remedy| FormatError::at(line, 1, FormatErrorKind::Missing { what, remedy });
+            let absent = |what, remedy| FormatError::missing(line, what, remedy);
             if *index as usize != n {
                 return Err(absent(
                     "an index of the table before this one",

@@ -92,8 +92,7 @@ impl<'a> Raw<'a> {
             [("CYCLES", &self.cycles, distinct(|k| k.1)), ("POSITIONS", &self.positions, distinct(|k| k.0))];
         for (what, announced, found) in counts {
             if let Some(entry) = announced.as_ref().filter(|entry| entry.value != found as f64) {
-                let (announced, found) = (entry.value as u64, found as u64);
-                return Err(entry.at.fail(FormatErrorKind::Count { what, announced, found }));
+                return Err(entry.at.count(what, entry.value as usize, found));
             }
         }
         let mut readings = Vec::with_capacity(self.references.len());

@@ -38,21 +38,9 @@ const MM_PER_INCH: f64 = 25.4;
 const LIMITS: Limits =
     Limits { format: "linuxcnc", equidistant: false, points: ROWS_MAX, two_directions: true };
 
-/// A number of the file to mm or rad.
-fn to_inner(value: f64, kind: AxisKind, unit: LinearUnit) -> f64 {
-    match (kind, unit) {
-        (AxisKind::Rotary, _) => rad_from_deg(value),
-        (AxisKind::Linear, LinearUnit::Mm) => value,
-        (AxisKind::Linear, LinearUnit::Inch) => value * MM_PER_INCH,
-    }
-}
-
-fn to_file(value: f64, kind: AxisKind, unit: LinearUnit) -> f64 {
-    match (kind, unit) {
-        (AxisKind::Rotary, _) => deg_from_rad(value),
-        (AxisKind::Linear, LinearUnit::Mm) => value,
-        (AxisKind::Linear, LinearUnit::Inch) => value / MM_PER_INCH,
-    }
+/// Millimetres or degrees in the unit of the file.
+fn size(kind: AxisKind, unit: LinearUnit) -> f64 {
+    if kind == AxisKind::Linear && unit == LinearUnit::Inch { MM_PER_INCH } else { 1.0 }
 }
 
 /// Reads the positioning error of an axis.
@@ -65,6 +53,7 @@ pub fn parse(
     file: CompType,
     unit: LinearUnit,
 ) -> Result<ErrorFunction, FormatError> {
+    let to_inner = |value: f64| kind.position_in(value * size(kind, unit));
     let mut rows = Vec::new();
     let mut blank = None;
     for line in lines(text) {
@@ -83,26 +72,23 @@ pub fn parse(
             );
         };
         if rows.len() == ROWS_MAX {
-            let (what, found, limit) = ("rows", ROWS_MAX + 1, ROWS_MAX);
-            return Err(line.fail(FormatErrorKind::TooMany { what, found, limit }));
+            return Err(line.too_many("rows", ROWS_MAX + 1, ROWS_MAX));
         }
         let nominal = nominal.number("a nominal position")?;
         let of = |value: f64| match file {
             // a difference of positions carries their rounding: 50.002 - 50 is not 0.002
-            CompType::Actual => to_inner(((value - nominal) * 1e12).round() / 1e12, kind, unit),
-            CompType::Trim => -to_inner(value, kind, unit),
+            CompType::Actual => to_inner(((value - nominal) * 1e12).round() / 1e12),
+            CompType::Trim => -to_inner(value),
         };
         rows.push(Row {
             line: line.line,
-            position: to_inner(nominal, kind, unit),
+            position: to_inner(nominal),
             forward: of(forward.number("an actual position or a trim")?),
             reverse: of(reverse.number("an actual position or a trim")?),
         });
     }
     if rows.is_empty() {
-        let kind =
-            FormatErrorKind::Missing { what: "a row of three numbers", remedy: "is this a COMP_FILE?" };
-        return Err(FormatError::at(1, 1, kind));
+        return Err(FormatError::missing(1, "a row of three numbers", "is this a COMP_FILE?"));
     }
     curve(&rows, kind)
 }
@@ -118,6 +104,7 @@ pub fn write(
     unit: LinearUnit,
     sampling: &Sampling,
 ) -> Result<(String, AxisTable), ExportError> {
+    let size = size(axis.kind(), unit);
     let table = sample_positioning(spec, axis, sampling, &LIMITS)?;
     let column = &table.columns[0];
     let reverse = column.reverse.as_ref().unwrap_or(&column.forward);
@@ -127,7 +114,7 @@ pub fn write(
             CompType::Actual => q + deviation,
             CompType::Trim => -deviation,
         };
-        let row = [*q, of(*forward), of(*reverse)].map(|v| rounded(to_file(v, axis.kind(), unit), 6));
+        let row = [*q, of(*forward), of(*reverse)].map(|v| rounded(axis.kind().position_out(v) / size, 6));
         out.push_str(&row.join(" "));
         out.push('\n');
     }

@@ -10,7 +10,7 @@
 use std::io::{Read, Write};
 
 use super::error::{FormatError, FormatErrorKind, Place, ReadError, short};
-use super::rtl::Entry;
+use super::rtl::{Entry, text_of};
 use super::text::{NUMBER_LIMIT, decode, lines, number};
 
 /// Longest header accepted, bytes.
@@ -38,8 +38,7 @@ impl Header {
     /// A text of the header, where it is not empty.
     #[must_use]
     pub fn text(&self, key: &str) -> Option<&str> {
-        let found = self.entries.iter().find(|e| e.key.eq_ignore_ascii_case(key));
-        found.map(|e| e.text.as_str()).filter(|t| !t.is_empty())
+        text_of(&self.entries, key)
     }
 }
 
@@ -58,14 +57,17 @@ fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
 /// # Errors
 /// What is missing or wrong, with its line.
 pub fn header(head: &[u8]) -> Result<Header, FormatError> {
-    let missing = |line, what, remedy| FormatError::at(line, 1, FormatErrorKind::Missing { what, remedy });
     if !head.starts_with(FIRST_LINE) {
         let found = short(&decode(&head[..head.len().min(16)]).text);
         return Err(FormatError::at(1, 1, FormatErrorKind::Expected { expected: "HEADER::", found }));
     }
     let head = &head[..head.len().min(HEADER_MAX)];
     let Some(end) = find(head, DATA_LINE) else {
-        return Err(missing(1, "the line 'Data:'", "the first 8192 bytes hold none; is this an .rtx file?"));
+        return Err(FormatError::missing(
+            1,
+            "the line 'Data:'",
+            "the first 8192 bytes hold none; is this an .rtx file?",
+        ));
     };
     let decoded = decode(&head[..end]);
     let mut header = Header { length: end + DATA_LINE.len(), ..Header::default() };
@@ -100,10 +102,11 @@ pub fn header(head: &[u8]) -> Result<Header, FormatError> {
         }
         header.entries.push(Entry { key: key.trim().to_owned(), text: text.text.to_owned() });
     }
-    header.samples = samples.ok_or_else(|| missing(last, "'Sample no'", "add the number of samples"))?;
+    header.samples =
+        samples.ok_or_else(|| FormatError::missing(last, "'Sample no'", "add the number of samples"))?;
     let usable = actual.filter(|(_, r)| *r != 0.0).or(rate);
     let (word, rate) =
-        usable.ok_or_else(|| missing(last, "'Actual sample rate'", "add samples per second"))?;
+        usable.ok_or_else(|| FormatError::missing(last, "'Actual sample rate'", "add samples per second"))?;
     if !(1e-6..=1e9).contains(&rate) {
         let what = "the sample rate in Hz";
         return Err(word.fail(FormatErrorKind::Range { what, value: rate, low: 1e-6, high: 1e9 }));

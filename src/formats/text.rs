@@ -165,6 +165,22 @@ impl<'a> Word<'a> {
         self.fail(FormatErrorKind::Expected { expected, found: short(self.text) })
     }
 
+    /// A count that is not the announced one.
+    pub(super) fn count(&self, what: &'static str, announced: usize, found: usize) -> FormatError {
+        let (announced, found) = (announced as u64, found as u64);
+        self.fail(FormatErrorKind::Count { what, announced, found })
+    }
+
+    /// Given before, on line `first`.
+    pub(super) fn twice(&self, what: impl Into<String>, first: usize) -> FormatError {
+        self.fail(FormatErrorKind::Twice { what: what.into(), first })
+    }
+
+    /// More than the limit.
+    pub(super) fn too_many(&self, what: &'static str, found: usize, limit: usize) -> FormatError {
+        self.fail(FormatErrorKind::TooMany { what, found, limit })
+    }
+
     /// A finite number, at most 1e30.
     ///
     /// # Errors

@@ -172,11 +172,11 @@ impl ColumnMap {
             FormatError::at(line, column, FormatErrorKind::Syntax { message: e.message().to_owned() })
         })?;
         let mut map = Self {
-            delimiter: wire.delimiter.as_deref().map(delimiter).transpose()?,
+            delimiter: wire.delimiter.as_deref().map(str::parse).transpose()?,
             decimal_comma: wire.decimal_comma,
             skip_lines: wire.skip_lines,
             header: wire.header,
-            encoding: wire.encoding.as_deref().map(encoding).transpose()?,
+            encoding: wire.encoding.as_deref().map(str::parse).transpose()?,
             columns: Vec::new(),
         };
         for (name, source) in &wire.columns {
@@ -272,8 +272,7 @@ fn conversion(output: &str, unit: Option<&str>) -> Result<Conversion, FormatErro
     let given = unit.map(|u| Unit::find(u).ok_or_else(|| wrong(u, known))).transpose()?;
     if TEST.contains(&output) {
         return match (output, given) {
-            ("cycle" | "direction", None) => Ok(Conversion::PLAIN),
-            ("cycle" | "direction", Some((u, _))) if u.name == "1" => Ok(Conversion::PLAIN),
+            ("cycle" | "direction", unit) if unit.is_none_or(|(u, _)| u.name == "1") => Ok(Conversion::PLAIN),
             (_, Some((u, size))) if matches!(u.dimension, Dimension::Length | Dimension::Angle) => {
                 Ok(Conversion::Factor {
                     times: size[0],
@@ -305,44 +304,32 @@ fn wrong(found: &str, expected: &'static str) -> FormatError {
     FormatError::of_file(FormatErrorKind::Expected { expected, found: short(found) })
 }
 
-/// A delimiter by its name or character.
-///
-/// # Errors
-/// Anything else.
-pub(super) fn delimiter(text: &str) -> Result<Delimiter, FormatError> {
-    match text {
-        "tab" | "\t" => Ok(Delimiter::Character('\t')),
-        "blank" | "blanks" | " " => Ok(Delimiter::Blanks),
-        ";" | "semicolon" => Ok(Delimiter::Character(';')),
-        "," | "comma" => Ok(Delimiter::Character(',')),
-        "|" => Ok(Delimiter::Character('|')),
-        _ => Err(wrong(text, "a delimiter: ; , | tab or blank")),
-    }
-}
-
-/// An encoding by its name.
-///
-/// # Errors
-/// Anything else.
-pub(super) fn encoding(text: &str) -> Result<Encoding, FormatError> {
-    let known = [Encoding::Utf8, Encoding::Utf16, Encoding::Cp1250, Encoding::Cp1252, Encoding::Gbk];
-    let plain = |t: &str| t.to_ascii_lowercase().replace('-', "");
-    known
-        .into_iter()
-        .find(|e| plain(e.name()) == plain(text))
-        .ok_or_else(|| wrong(text, "an encoding: utf-8 utf-16 cp1250 cp1252 or gbk"))
-}
-
 impl core::str::FromStr for Delimiter {
     type Err = FormatError;
+
+    /// A delimiter by its name or character.
     fn from_str(text: &str) -> Result<Self, FormatError> {
-        delimiter(text)
+        match text {
+            "tab" | "\t" => Ok(Self::Character('\t')),
+            "blank" | "blanks" | " " => Ok(Self::Blanks),
+            ";" | "semicolon" => Ok(Self::Character(';')),
+            "," | "comma" => Ok(Self::Character(',')),
+            "|" => Ok(Self::Character('|')),
+            _ => Err(wrong(text, "a delimiter: ; , | tab or blank")),
+        }
     }
 }
 
 impl core::str::FromStr for Encoding {
     type Err = FormatError;
+
+    /// An encoding by its name.
     fn from_str(text: &str) -> Result<Self, FormatError> {
-        encoding(text)
+        let known = [Self::Utf8, Self::Utf16, Self::Cp1250, Self::Cp1252, Self::Gbk];
+        let plain = |t: &str| t.to_ascii_lowercase().replace('-', "");
+        known
+            .into_iter()
+            .find(|e| plain(e.name()) == plain(text))
+            .ok_or_else(|| wrong(text, "an encoding: utf-8 utf-16 cp1250 cp1252 or gbk"))
     }
 }

@@ -54,12 +54,8 @@ impl<R: BufRead> Columns<R> {
             if !lines.advance()? {
                 let what = "lines above the table";
                 let (announced, found) = (map.skip_lines as u64, skipped as u64);
-                return Err(FormatError::at(
-                    lines.line(),
-                    1,
-                    FormatErrorKind::Count { what, announced, found },
-                )
-                .into());
+                let kind = FormatErrorKind::Count { what, announced, found };
+                return Err(FormatError::at(lines.line(), 1, kind).into());
             }
         }
         let origins = vec![None; map.columns.len()];
@@ -73,11 +69,8 @@ impl<R: BufRead> Columns<R> {
             map,
         };
         if !table.next_line()? {
-            let kind = FormatErrorKind::Missing {
-                what: "the table",
-                remedy: "the file ends above it; check skip-lines",
-            };
-            return Err(FormatError::at(table.lines.line(), 1, kind).into());
+            let remedy = "the file ends above it; check skip-lines";
+            return Err(FormatError::missing(table.lines.line(), "the table", remedy).into());
         }
         table.find_columns()?;
         table.pending = !table.map.header;
@@ -120,8 +113,7 @@ impl<R: BufRead> Columns<R> {
             let fields = split(line, delimiter);
             for (i, (index, (_, source))) in indices.iter().zip(&map.columns).enumerate() {
                 let Some(field) = fields.get(*index) else {
-                    let (announced, found) = (*index as u64 + 1, fields.len() as u64);
-                    return Err(line.fail(FormatErrorKind::Count { what: "fields", announced, found }));
+                    return Err(line.count("fields", index + 1, fields.len()));
                 };
                 values.push(source.unit.read(field, map.decimal_comma, &mut origins[i])?);
             }
@@ -147,10 +139,7 @@ impl<R: BufRead> Columns<R> {
             let header = split(line, delimiter);
             let find = |source: &Source| match &source.column {
                 map::ColumnRef::Index(i) if *i <= header.len() => Ok(i - 1),
-                map::ColumnRef::Index(i) => {
-                    let (announced, found) = (*i as u64, header.len() as u64);
-                    Err(line.fail(FormatErrorKind::Count { what: "columns", announced, found }))
-                }
+                map::ColumnRef::Index(i) => Err(line.count("columns", *i, header.len())),
                 map::ColumnRef::Name(name) if map.header => {
                     // case decides only where it has to
                     let exact = header.iter().any(|w| w.text == name);
@@ -158,10 +147,7 @@ impl<R: BufRead> Columns<R> {
                     let mut found = header.iter().enumerate().filter(|(_, w)| same(w));
                     match (found.next(), found.next()) {
                         (Some((i, _)), None) => Ok(i),
-                        (Some((_, _)), Some((_, word))) => {
-                            let what = format!("column {name}");
-                            Err(word.fail(FormatErrorKind::Twice { what, first: line.line }))
-                        }
+                        (Some(_), Some((_, word))) => Err(word.twice(format!("column {name}"), line.line)),
                         _ => {
                             let why =
                                 "the header has no such column; check the map, the delimiter and skip-lines";

@@ -150,11 +150,8 @@ pub fn parse(text: &str, chain: &Chain, body: Option<Body>) -> Result<Tables, Fo
     }
     empty_block(header.as_deref(), rows)?;
     if gathered.errors.is_empty() {
-        let kind = FormatErrorKind::Missing {
-            what: "a column with an error such as EXX or C0Y",
-            remedy: "is this an ISG CSV file?",
-        };
-        return Err(FormatError::at(last, 1, kind));
+        let what = "a column with an error such as EXX or C0Y";
+        return Err(FormatError::missing(last, what, "is this an ISG CSV file?"));
     }
     let kinematics = gathered.kinematics;
     let errors = gathered.errors.into_iter();
@@ -190,8 +187,7 @@ fn read_header<'a>(
     for word in words(line) {
         let kind = column(word.text).ok_or_else(|| word.unexpected("a column such as X, EXX, EAX or C0Y"))?;
         if columns.iter().any(|(w, _)| w.text == word.text) {
-            let what = format!("column {}", word.text);
-            return Err(word.fail(FormatErrorKind::Twice { what, first: line.line }));
+            return Err(word.twice(format!("column {}", word.text), line.line));
         }
         columns.push((word, kind));
     }
@@ -260,22 +256,16 @@ impl Gathered {
         for word in words(line) {
             end = word;
             if numbers.len() == columns.len() {
-                let (announced, found) = (columns.len() as u64, words(line).count() as u64);
-                return Err(word.fail(FormatErrorKind::Count { what: "columns", announced, found }));
+                return Err(word.count("columns", columns.len(), words(line).count()));
             }
             numbers.push(word.number("a number, mm, deg or rad")?);
         }
         if numbers.len() < columns.len() {
-            let (announced, found) = (columns.len() as u64, numbers.len() as u64);
-            return Err(end.fail(FormatErrorKind::Count { what: "columns", announced, found }));
+            return Err(end.count("columns", columns.len(), numbers.len()));
         }
         self.values += numbers.len();
         if self.values > VALUES_MAX {
-            return Err(line.fail(FormatErrorKind::TooMany {
-                what: "values",
-                found: self.values,
-                limit: VALUES_MAX,
-            }));
+            return Err(line.too_many("values", self.values, VALUES_MAX));
         }
         let coordinates: Coordinates = columns
             .iter()
@@ -291,8 +281,7 @@ impl Gathered {
             possible(symbol.is_angle(), *value).map_err(|e| words(line).nth(i).unwrap_or(line).fail(e))?;
             let Some((_, values)) = self.errors.get_mut(symbol) else { continue };
             if let Some((_, first)) = values.insert(coordinates.clone(), (*value, line.line)) {
-                let what = format!("{} at these arguments", word.text);
-                return Err(line.fail(FormatErrorKind::Twice { what, first }));
+                return Err(line.twice(format!("{} at these arguments", word.text), first));
             }
         }
         Ok(())

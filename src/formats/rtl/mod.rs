@@ -277,7 +277,7 @@ fn minutes(stamp: &str) -> Option<i64> {
     i64::try_from(date_time_ticks(&stamp)? / 600_000_000).ok()
 }
 
-fn text_of<'a>(entries: &'a [Entry], key: &str) -> Option<&'a str> {
+pub(super) fn text_of<'a>(entries: &'a [Entry], key: &str) -> Option<&'a str> {
     entries
         .iter()
         .find(|e| e.key.eq_ignore_ascii_case(key))

@@ -3,6 +3,7 @@
 use super::{Deviation, Entry, Rtl, write};
 use crate::motion_table::FREE;
 use crate::prelude::*;
+use crate::sample::sample_positioning;
 
 /// The positioning error of a linear axis as a test of one run in each direction; with the points that are in it.
 ///
@@ -17,12 +18,7 @@ pub fn of_model(
         let (format, known) = ("rtl", "linear ones: the unit of angles is not documented");
         return Err(ExportError::NoSuchAxis { axis, format, known });
     }
-    let motions = Motions::new(spec, axis, false)?;
-    let component: Component = positioning(axis);
-    if !motions.present().contains(&component) {
-        return Err(ExportError::NoError { what: "positioning error", axis });
-    }
-    let table = sample_axis(&motions, &[component], sampling, &Limits { format: "rtl", ..FREE })?;
+    let table = sample_positioning(spec, axis, sampling, &Limits { format: "rtl", ..FREE })?;
     let column = &table.columns[0];
     let entry = |key: &str, text: String| Entry { key: key.to_owned(), text };
     // as written: without the rounding of the curve's evaluation

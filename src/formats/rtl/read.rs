@@ -132,8 +132,7 @@ impl<'a> Reader<'a> {
     fn targets(&mut self, line: Word<'a>) -> Result<(), FormatError> {
         for word in words(line) {
             if self.rtl.targets.len() == TARGETS_MAX {
-                let (found, limit) = (TARGETS_MAX + 1, TARGETS_MAX);
-                return Err(word.fail(FormatErrorKind::TooMany { what: "targets", found, limit }));
+                return Err(word.too_many("targets", TARGETS_MAX + 1, TARGETS_MAX));
             }
             self.rtl.targets.push(word.number("a target in mm or deg")?);
         }
@@ -169,8 +168,7 @@ impl<'a> Reader<'a> {
         let target_number = target.whole("the index of a target", 1, targets.max(1) as u32)?;
         let value = value.number("a deviation")?;
         if let Some(first) = self.seen.insert((run_number, target_number), line.line) {
-            let what = format!("run {run_number}, target {target_number}");
-            return Err(line.fail(FormatErrorKind::Twice { what, first }));
+            return Err(line.twice(format!("run {run_number}, target {target_number}"), first));
         }
         let line = line.line as u64;
         self.rtl.deviations.push(Deviation { run: run_number, target: target_number, value, line });
@@ -179,8 +177,7 @@ impl<'a> Reader<'a> {
 
     fn finish(self) -> Result<(Rtl, Vec<Note>), FormatError> {
         let Self { mut rtl, section, target_count, targets_seen, run_count, last_line, seen, .. } = self;
-        let missing =
-            |what, remedy| Err(FormatError::at(last_line, 1, FormatErrorKind::Missing { what, remedy }));
+        let missing = |what, remedy| Err(FormatError::missing(last_line, what, remedy));
         if !targets_seen || rtl.targets.is_empty() {
             return missing(
                 "the list 'Targets :' of TARGET DATA::",
@@ -190,8 +187,7 @@ impl<'a> Reader<'a> {
         if let Some((word, announced)) = target_count
             && announced as usize != rtl.targets.len()
         {
-            let (announced, found) = (u64::from(announced), rtl.targets.len() as u64);
-            return Err(word.fail(FormatErrorKind::Count { what: "targets", announced, found }));
+            return Err(word.count("targets", announced as usize, rtl.targets.len()));
         }
         if rtl.deviations.is_empty() {
             return missing("the rows of DEVIATIONS::", "the file holds targets but no readings");
@@ -207,11 +203,8 @@ impl<'a> Reader<'a> {
                 ("the index of a target", f64::from(d.target), limits.1),
             ] {
                 if value > high {
-                    return Err(FormatError::at(
-                        line,
-                        1,
-                        FormatErrorKind::Range { what, value, low: 1.0, high },
-                    ));
+                    let kind = FormatErrorKind::Range { what, value, low: 1.0, high };
+                    return Err(FormatError::at(line, 1, kind));
                 }
             }
         }
