@@ -38,6 +38,8 @@ pub(super) struct Table {
     progress: Progress,
     /// Rows that may still come.
     rows_left: u64,
+    /// The columns that were asked for by [`column`](Self::column) and its like.
+    pub(super) known: Vec<String>,
 }
 
 /// What stands for the name of standard input.
@@ -80,6 +82,7 @@ impl Table {
             has_quotes: false,
             progress,
             rows_left: ROWS_MAX,
+            known: Vec::new(),
         };
         if !table.next_line()? {
             return Err(data!(table.file, "the file is empty; the first line names the columns"));

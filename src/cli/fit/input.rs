@@ -2,7 +2,6 @@
 
 use std::io::{BufRead, Cursor, Read};
 
-use crate::identify::Columns;
 use crate::identify::columns::hint;
 use crate::positioning_data::{Cycles, instrument_test, is_instrument, parse_csv, parse_dat};
 use crate::prelude::*;
@@ -180,15 +179,14 @@ fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySy
 }
 
 /// A motion table.
-fn motion(table: Table, axis: AxisName) -> Result<BySymbol> {
-    let mut table = Columns::new(table);
+fn motion(mut table: Table, axis: AxisName) -> Result<BySymbol> {
     let position_name = &format!("position_{}", axis.kind().position_unit());
     let run = table.run(position_name)?;
     let mut symbols = Vec::new();
     for (i, column) in table.columns().to_vec().iter().enumerate() {
         if !table.known.contains(column) {
             let symbol = symbol_column(column, axis, position_name).map_err(|what| table.fail(i, what))?;
-            symbols.extend(table.find(column).map(|column| (column, symbol)));
+            symbols.extend(table.find_column(column).map(|column| (column, symbol)));
         }
     }
     if symbols.is_empty() {

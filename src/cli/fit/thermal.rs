@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::picture::PictureArgs;
-use crate::identify::{Column, Columns, columns};
+use crate::identify::{Column, Columns};
 use crate::prelude::*;
 use crate::report::plot::{self, Axes, Key};
 use volcomp_estimate::Quantity;
@@ -124,8 +124,8 @@ fn stem(column: &str) -> &str {
 }
 
 fn read(args: &Args) -> Result<Recording> {
-    let mut table = columns::open(&args.file)?;
-    let [time, displacement] = [table.require(&args.time)?, table.require(&args.displacement)?];
+    let mut table = table::open(&args.file)?;
+    let [time, displacement] = [table.column(&args.time)?, table.column(&args.displacement)?];
     let mut inputs = sensors(&mut table, &args.temperatures, "_degc", &args.without, Quantity::Temperature)?;
     inputs.extend(sensors(&mut table, &args.speeds, "_rpm", &args.without, Quantity::Speed)?);
     let (mut time_s, mut displacement_mm) = (Vec::new(), Vec::new());
@@ -150,12 +150,12 @@ fn sensors(
 ) -> Result<Vec<(Column, Input)>> {
     let mut names = named.to_vec();
     if named.is_empty() {
-        without.iter().try_for_each(|name| table.require(name).map(|_| ()))?;
+        without.iter().try_for_each(|name| table.column(name).map(|_| ()))?;
         let ends = |name: &&String| name.to_ascii_lowercase().ends_with(ending) && !without.contains(name);
         names.extend(table.columns().iter().filter(ends).cloned());
     }
     let one = |name: String| {
-        Ok((table.require(&name)?, Input { sensor: stem(&name).to_owned(), quantity, values: Vec::new() }))
+        Ok((table.column(&name)?, Input { sensor: stem(&name).to_owned(), quantity, values: Vec::new() }))
     };
     names.into_iter().map(one).collect()
 }

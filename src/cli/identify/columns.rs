@@ -2,9 +2,9 @@
 
 use std::collections::HashMap;
 
-use crate::positioning_data::no_rows;
 use crate::prelude::*;
-use crate::table::{Table, nearest, other_unit};
+pub(crate) use crate::table::Table as Columns;
+use crate::table::{nearest, other_unit};
 
 /// A column and what brings its numbers into mm or rad.
 #[derive(Debug, Clone, Copy)]
@@ -24,21 +24,6 @@ pub(crate) struct RunColumns {
     direction: Option<Column>,
 }
 
-/// A table that knows which of its columns were asked for.
-pub(crate) struct Columns {
-    pub(crate) table: Table,
-    /// The columns that were asked for.
-    pub(crate) known: Vec<String>,
-}
-
-impl core::ops::Deref for Columns {
-    type Target = Table;
-
-    fn deref(&self) -> &Table {
-        &self.table
-    }
-}
-
 impl From<Column> for usize {
     fn from(column: Column) -> Self {
         column.index
@@ -52,15 +37,10 @@ pub(crate) fn hint(name: &str, names: &[String], columns: impl core::fmt::Displa
     of_other_unit.or_else(near).unwrap_or_else(|| format!("columns are {columns}"))
 }
 
-/// Opens a table.
-pub(crate) fn open(path: &Path) -> Result<Columns> {
-    table::open(path).map(Columns::new)
-}
-
 /// The points of a table by their names in `column`, of which there must be one; `wrong` says why a name cannot be.
 pub(crate) fn named_points(path: &Path, column: &str, wrong: fn(&str) -> String) -> Result<Vec<Named>> {
-    let mut table = open(path)?;
-    let (name, at) = (table.require(column)?, table.three(["x_mm", "y_mm", "z_mm"])?);
+    let mut table = table::open(path)?;
+    let (name, at) = (table.column(column)?, table.three(["x_mm", "y_mm", "z_mm"])?);
     let mut points: Vec<Named> = Vec::new();
     table.rows(|row| {
         let word = row.word(name);
@@ -86,39 +66,39 @@ impl Column {
 }
 
 impl Columns {
-    pub(crate) const fn new(table: Table) -> Self {
-        Self { table, known: Vec::new() }
-    }
-
     /// The column of a name, where the table has it.
-    pub(crate) fn find(&mut self, name: &str) -> Option<Column> {
+    pub(crate) fn find_column(&mut self, name: &str) -> Option<Column> {
         self.known.push(name.to_owned());
-        self.table.find(name).map(|index| Column::new(name, index))
+        self.find(name).map(|index| Column::new(name, index))
     }
 
     /// The column of a name.
-    pub(crate) fn require(&mut self, name: &str) -> Result<Column> {
+    pub(crate) fn column(&mut self, name: &str) -> Result<Column> {
         self.known.push(name.to_owned());
-        self.table.require(name).map(|index| Column::new(name, index))
+        self.require(name).map(|index| Column::new(name, index))
     }
 
     /// Three columns, such as those of a point.
     pub(crate) fn three(&mut self, names: [&str; 3]) -> Result<[Column; 3]> {
-        Ok([self.require(names[0])?, self.require(names[1])?, self.require(names[2])?])
+        Ok([self.column(names[0])?, self.column(names[1])?, self.column(names[2])?])
     }
 
     /// The position, optional `cycle` and `direction`.
     pub(crate) fn run(&mut self, position: &str) -> Result<RunColumns> {
-        let position = self.require(position)?;
-        Ok(RunColumns { position, cycle: self.find("cycle"), direction: self.find("direction") })
+        let position = self.column(position)?;
+        Ok(RunColumns {
+            position,
+            cycle: self.find_column("cycle"),
+            direction: self.find_column("direction"),
+        })
     }
 
     /// Refuses columns that were not asked for; `hint` says which were, from the name of the first.
-    pub(crate) fn only(&self, hint: impl FnOnce(&str) -> String) -> Result<()> {
-        match self.table.columns().iter().position(|c| !self.known.contains(c)) {
+    pub(crate) fn only_asked(&self, hint: impl FnOnce(&str) -> String) -> Result<()> {
+        match self.columns().iter().position(|c| !self.known.contains(c)) {
             Some(i) => {
-                let hint = hint(&self.table.columns()[i]);
-                Err(self.table.fail(i, format_args!("unknown column; {hint}")))
+                let hint = hint(&self.columns()[i]);
+                Err(self.fail(i, format_args!("unknown column; {hint}")))
             }
             None => Ok(()),
         }
@@ -126,7 +106,7 @@ impl Columns {
 
     /// Refuses columns that were not asked for, and names those that were.
     pub(crate) fn only_known(&self) -> Result<()> {
-        self.only(|_| format!("columns are {}", self.known.join(", ")))
+        self.only_asked(|_| format!("columns are {}", self.known.join(", ")))
     }
 
     /// A number of the current row, mm or rad.
@@ -145,20 +125,20 @@ impl Columns {
     }
 
     /// A whole number from 0 up; 0 without the column.
-    pub(crate) fn count(&self, column: Option<Column>) -> Result<u32> {
-        column.map_or(Ok(0), |c| self.table.count(c.index))
+    pub(crate) fn count_of(&self, column: Option<Column>) -> Result<u32> {
+        column.map_or(Ok(0), |c| self.count(c.index))
     }
 
     /// A direction; forward without the column.
-    pub(crate) fn travel(&self, column: Option<Column>) -> Result<Travel> {
-        column.map_or(Ok(Travel::Forward), |c| self.table.travel(c.index))
+    pub(crate) fn travel_of(&self, column: Option<Column>) -> Result<Travel> {
+        column.map_or(Ok(Travel::Forward), |c| self.travel(c.index))
     }
 
     /// Where and when the current row was read; its value is left at 0.
     pub(crate) fn reading(&self, run: &RunColumns) -> Result<Reading> {
         Ok(Reading {
-            cycle: self.count(run.cycle)?,
-            travel: self.travel(run.direction)?,
+            cycle: self.count_of(run.cycle)?,
+            travel: self.travel_of(run.direction)?,
             position: self.value(run.position)?,
             value: 0.0,
         })
@@ -167,21 +147,6 @@ impl Columns {
     /// Bad data in the file.
     pub(crate) fn file_error(&self, what: impl core::fmt::Display) -> Failure {
         Failure::data(self.file(), what)
-    }
-
-    /// What `read` makes of every row.
-    pub(crate) fn rows<T>(&mut self, mut read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
-        let mut rows = Vec::new();
-        while self.table.advance()? {
-            rows.push(read(self)?);
-        }
-        Ok(rows)
-    }
-
-    /// The same, and there must be one.
-    pub(crate) fn some_rows<T>(&mut self, read: impl FnMut(&Self) -> Result<T>) -> Result<Vec<T>> {
-        let rows = self.rows(read)?;
-        if rows.is_empty() { Err(no_rows(self.table.file())) } else { Ok(rows) }
     }
 }
 

@@ -124,7 +124,7 @@ fn found(case: &Case, path: &Path) -> Result<Box<dyn Found>> {
 impl Args {
     fn read_table(&self, path: &Path) -> Result<Case> {
         let mut table = table::open(path)?;
-        let (cx, cy) = (table.require(&self.x)?, table.require(&self.y)?);
+        let (cx, cy) = (table.column(&self.x)?, table.column(&self.y)?);
         let points = table.rows(|row| Ok((row.number(cx)?, row.number(cy)?)))?;
         let (x, y) = points.into_iter().unzip();
         Ok(Case {

@@ -1,6 +1,6 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
-use super::columns::{self, hint};
+use super::columns::hint;
 use crate::identify::prelude::*;
 use volcomp_identify::grinder::{
     Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
@@ -145,12 +145,12 @@ const TOOL: [&str; 3] = ["tool_x_mm", "tool_y_mm", "tool_z_mm"];
 
 /// Reads the rows of a step, each with its line.
 fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
-    let mut table = columns::open(path)?;
-    let axes = spec.chain.axes().iter().map(|a| axis_columns(a.name).map(|name| table.find(&name)));
+    let mut table = table::open(path)?;
+    let axes = spec.chain.axes().iter().map(|a| axis_columns(a.name).map(|name| table.find_column(&name)));
     let axes: Vec<[Option<Column>; 2]> = axes.collect();
-    let tool = TOOL.map(|n| table.find(n));
-    let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find(n));
-    table.only(|column| hint(column, &table.known, table.known.join(", ")))?;
+    let tool = TOOL.map(|n| table.find_column(n));
+    let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find_column(n));
+    table.only_asked(|column| hint(column, &table.known, table.known.join(", ")))?;
     if !matches!(tool.iter().flatten().count(), 0 | 3) {
         return Err(data!(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }
@@ -303,7 +303,7 @@ impl Found for Outcome<'_> {
         );
     }
 
-    fn write(&self) -> Result<String> {
+    fn write(&self, _end: &mut String) -> Result<()> {
         let (args, chain, mut file) = (self.args, &self.chain, self.file.clone());
         let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
         let sources = Sources::of(&files);
@@ -323,8 +323,7 @@ impl Found for Outcome<'_> {
         if let Some(machine) = &args.out.machine {
             file.spec.machine.clone_from(machine);
         }
-        args.out.write_from(Some(&self.file.spec), &file, &sources.comments(), &files)?;
-        Ok(String::new())
+        args.out.write_from(Some(&self.file.spec), &file, &sources.comments(), &files)
     }
 }
 

@@ -169,7 +169,7 @@ struct TableColumns {
 
 impl TableColumns {
     fn find(table: &mut Columns, axes: &[AxisName; 3]) -> Result<Self> {
-        let time = table.find("t_s");
+        let time = table.find_column("t_s");
         let [a, b, c] = axes.map(|axis| format!("{}_mm", axis.lower()));
         let positions = table.three([&a, &b, &c])?;
         let mut found: Option<(Column, ErrorSymbol)> = None;
@@ -180,7 +180,7 @@ impl TableColumns {
             let (name, unit) = column.rsplit_once('_').unwrap_or((column, ""));
             let symbol = ErrorSymbol::parse(name);
             match symbol.filter(|s| !s.is_constant() && Units::of(*s).value == unit) {
-                Some(symbol) if found.is_none() => found = table.find(column).map(|c| (c, symbol)),
+                Some(symbol) if found.is_none() => found = table.find_column(column).map(|c| (c, symbol)),
                 Some(_) => return Err(table.fail(i, "a second error; filter one error at a time")),
                 None => {
                     return Err(table.fail(i, "unknown column; columns are t_s, the axes in mm, and one error such as eaz_arcsec or ezz_um"));
@@ -220,7 +220,7 @@ impl<'a> Outcome<'a> {
         }
         let grid = NodeGrid::new(args.first.clone(), args.second.clone(), args.third.clone())
             .map_err(Failure::usage)?;
-        let mut table = columns::open(path)?;
+        let mut table = table::open(path)?;
         let columns = TableColumns::find(&mut table, &axes)?;
         let (symbol, to_inner) = (columns.symbol, Units::of(columns.symbol).to_inner);
         if args.walk_per_sqrt_h > 0.0 && columns.time.is_none() {
@@ -296,15 +296,14 @@ impl Found for Outcome<'_> {
         }
     }
 
-    fn write(&self) -> Result<String> {
+    fn write(&self, _end: &mut String) -> Result<()> {
         let (files, mut model) = ([self.path.to_owned()], self.model.clone());
         let sources = Sources::of(&files);
         model.put(self.symbol, self.function.clone(), sources.provenance());
         for name in self.axes.into_iter().chain([self.symbol.axis()]) {
             model.spec.axis_mut(name);
         }
-        self.args.model.write(&model, &sources.heading("identify kalman"), &files)?;
-        Ok(String::new())
+        self.args.model.write(&model, &sources.heading("identify kalman"), &files)
     }
 }
 

@@ -40,9 +40,9 @@ pub(super) trait Found {
     /// Notes that stand beside either.
     fn warn(&self) {}
 
-    /// Writes the model and what else was asked for; returns the end of the report.
-    fn write(&self) -> Result<String> {
-        Ok(String::new())
+    /// Writes the model and what else was asked for; what it adds to `end` ends the report.
+    fn write(&self, _end: &mut String) -> Result<()> {
+        Ok(())
     }
 }
 
@@ -75,7 +75,10 @@ pub(super) fn run(method: &impl core::ops::Deref<Target: Method>) -> Result<()> 
     };
     let Some(found) = found else { return Ok(()) };
     found.warn();
-    let end = if writes { found.write()? } else { String::new() };
+    let mut end = String::new();
+    if writes {
+        found.write(&mut end)?;
+    }
     if model.is_some_and(ModelWriter::takes_stdout) {
         return Ok(());
     }

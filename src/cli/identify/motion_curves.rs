@@ -112,12 +112,12 @@ impl Found for Motions<'_> {
         self.report.warn(self.gauged.rows.len());
     }
 
-    fn write(&self) -> Result<String> {
+    fn write(&self, end: &mut String) -> Result<()> {
         if let Some(path) = &self.args.motions {
             write_text(path, &self.table())?;
         }
         if self.args.model.target().is_none() {
-            return Ok(String::new());
+            return Ok(());
         }
         let (origin, rows) = (&self.origin, &self.gauged.rows);
         let mut fits = CurveFits::new(self.base.clone(), &origin.files);
@@ -140,7 +140,8 @@ impl Found for Motions<'_> {
             "{}: zero at {} mm, reference point of EX EY EZ ({:.3} {:.3} {:.3}) mm in M at home",
             origin.axis, self.gauged.reference_position, r.x, r.y, r.z
         ));
-        Ok(format!("\n{}", fits.write(&self.args.model, &comment)?))
+        *end = format!("\n{}", fits.write(&self.args.model, &comment)?);
+        Ok(())
     }
 }
 
@@ -192,9 +193,9 @@ pub(super) fn in_print_units(component: Component, value: f64) -> f64 {
 
 /// A motion table written by another method, one row per reading: positions and the six motions (mm, rad).
 pub(super) fn read_motions(path: &Path, axis: AxisName) -> Result<Vec<(f64, [f64; 6])>> {
-    let mut table = columns::open(path)?;
-    let position = table.require("position_mm")?;
-    let columns = symbols(axis).into_iter().map(|symbol| table.require(&column(symbol)));
+    let mut table = table::open(path)?;
+    let position = table.column("position_mm")?;
+    let columns = symbols(axis).into_iter().map(|symbol| table.column(&column(symbol)));
     let columns = columns.collect::<Result<Vec<_>>>()?;
     table.rows(|row| {
         let mut motion = [0.0; 6];

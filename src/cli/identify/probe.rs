@@ -109,15 +109,16 @@ impl Args {
     }
 
     fn contacts(&self, path: &Path) -> Result<Vec<Contact>> {
-        let mut table = columns::open(path)?;
-        let (y, height, angle) = (table.require("y_mm")?, table.find("z_mm"), table.find("b_deg"));
-        table.only(|_| "columns are y_mm, z_mm, b_deg".to_owned())?;
+        let mut table = table::open(path)?;
+        let (y, height, angle) =
+            (table.column("y_mm")?, table.find_column("z_mm"), table.find_column("b_deg"));
+        table.only_asked(|_| "columns are y_mm, z_mm, b_deg".to_owned())?;
         let arm = self.arm_mm.zip(self.arm_zero_deg);
         let arm = arm.map(|(length, zero)| Arm { length, zero: rad_from_deg(zero) });
         match (height, arm) {
             (Some(z), None) => table.rows(|row| Ok(Contact { y: row.value(y)?, z: row.value(z)? })),
             (None, Some(arm)) => {
-                let b = angle.map_or_else(|| table.require("b_deg"), Ok)?;
+                let b = angle.map_or_else(|| table.column("b_deg"), Ok)?;
                 table.rows(|row| Ok(arm.contact(row.value(y)?, row.value(b)?)))
             }
             (Some(_), Some(_)) => {
@@ -201,9 +202,9 @@ impl Found for Outcome<'_> {
     }
 
     /// The bar's place as location errors of the axis that holds it.
-    fn write(&self) -> Result<String> {
+    fn write(&self, _end: &mut String) -> Result<()> {
         let (args, found) = (self.args, &self.found);
-        let Some([y, z]) = args.nominal_mm else { return Ok(String::new()) };
+        let Some([y, z]) = args.nominal_mm else { return Ok(()) };
         let mut model = args.out.base(|| "[w A' b X Y B t]".to_owned())?;
         let files = [self.path.clone()];
         let sources = Sources::of(&files);
@@ -220,8 +221,7 @@ impl Found for Outcome<'_> {
             let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);
             note!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
         }
-        args.out.write(&model, &sources.comments(), &files)?;
-        Ok(String::new())
+        args.out.write(&model, &sources.comments(), &files)
     }
 }
 

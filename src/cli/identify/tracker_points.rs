@@ -66,7 +66,7 @@ impl PointColumns {
     /// The columns `{prefix}x_mm` and so on, where they are there.
     pub(super) fn find(table: &mut Columns, prefix: &str) -> Option<Self> {
         let mut three = |names: [&str; 3]| -> Option<[Column; 3]> {
-            let [a, b, c] = names.map(|n| table.find(&format!("{prefix}{n}")));
+            let [a, b, c] = names.map(|n| table.find_column(&format!("{prefix}{n}")));
             Some([a?, b?, c?])
         };
         three(["x_mm", "y_mm", "z_mm"])
@@ -135,8 +135,8 @@ impl TrackerArgs {
     }
 
     fn register(&self, path: &Path, frame: &Frame) -> Result<Registered> {
-        let mut table = columns::open(path)?;
-        let name = table.require("point")?;
+        let mut table = table::open(path)?;
+        let name = table.column("point")?;
         let machine = table.three(["machine_x_mm", "machine_y_mm", "machine_z_mm"])?;
         let columns = PointColumns::find(&mut table, "").ok_or_else(|| {
             let missing = "the instrument's columns are missing: x_mm, y_mm, z_mm or range_mm, azimuth_deg, elevation_deg";

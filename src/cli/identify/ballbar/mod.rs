@@ -226,7 +226,7 @@ impl Found for Outcome<'_> {
     }
 
     /// Squareness and curves that a static model can hold.
-    fn write(&self) -> Result<String> {
+    fn write(&self, _end: &mut String) -> Result<()> {
         let (args, plans) = (self.args, &self.plans);
         let analyses: Vec<Analysis> = plans.iter().map(|p| p.analysis.clone()).collect();
         let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
@@ -247,8 +247,7 @@ impl Found for Outcome<'_> {
             }
             add(&mut model, one, sources.provenance());
         }
-        args.out.write(&model, &sources.comments(), &files)?;
-        Ok(String::new())
+        args.out.write(&model, &sources.comments(), &files)
     }
 }
 
@@ -270,17 +269,17 @@ pub(crate) fn lines_and_samples(
     path: &Path,
     read_feed: impl Fn(&Columns, Column) -> Result<f64>,
 ) -> Result<Vec<(u64, Sample)>> {
-    let mut table = columns::open(path)?;
+    let mut table = table::open(path)?;
     let [angle, deviation, direction] = table.three(["angle_deg", "deviation_um", "direction"])?;
-    let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
+    let (feed, run) = (table.find_column("feed_mm_per_min"), table.find_column("run"));
     table.only_known()?;
     table.rows(|row| {
         let sample = Sample {
             angle: row.value(angle)?,
             deviation: row.value(deviation)?,
-            travel: row.travel(Some(direction))?,
+            travel: row.travel_of(Some(direction))?,
             feed: feed.map(|c| read_feed(row, c)).transpose()?,
-            run: row.count(run)?,
+            run: row.count_of(run)?,
         };
         Ok((row.line(), sample))
     })

@@ -137,14 +137,14 @@ impl Found for Outcome<'_> {
         self.frames.iter().filter_map(|f| f.registered.as_ref()).for_each(|r| r.print());
     }
 
-    fn write(&self) -> Result<String> {
+    fn write(&self, _end: &mut String) -> Result<()> {
         if let Some(path) = &self.args.add_pose {
             out::add_pose(path, self.args, &self.axis)?;
         }
         if self.args.model.target().is_some() {
             out::write_model(self.args, &self.axis, &self.files)?;
         }
-        Ok(String::new())
+        Ok(())
     }
 }
 
@@ -168,8 +168,8 @@ fn between(args: &Args, frame: &Frame, second: Option<&Frame>, circles: &[Vec<Ve
 }
 
 fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>; 2]) -> Result<()> {
-    let mut table = columns::open(path)?;
-    let circle = table.require("circle")?;
+    let mut table = table::open(path)?;
+    let circle = table.column("circle")?;
     let at = PointColumns::find(&mut table, "").ok_or_else(|| {
         data!(path, "columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing")
     })?;

@@ -297,7 +297,7 @@ impl Found for Outcome<'_> {
         note!("note: the uncertainties given are enlarged by {:.1}", steps.enlarged());
     }
 
-    fn write(&self) -> Result<String> {
+    fn write(&self, _end: &mut String) -> Result<()> {
         let (args, spec) = (self.args, &self.spec);
         let mut model = match &args.model {
             Some(_) if args.out.into.is_none() && args.out.chain.is_none() => {
@@ -327,8 +327,7 @@ impl Found for Outcome<'_> {
         let (low, size) = self.setup.cuboid();
         let mut comment = sources.heading("identify diagonals");
         comment.push(format!("body diagonals of the box {size:?} mm from {low:?} mm"));
-        args.out.write(&model, &comment, &files)?;
-        Ok(String::new())
+        args.out.write(&model, &comment, &files)
     }
 }
 

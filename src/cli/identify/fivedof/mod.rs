@@ -123,7 +123,7 @@ fn channel_columns(table: &mut Columns, axis: AxisName) -> Result<ChannelColumns
     let mut columns = Vec::with_capacity(5);
     for detector in Detector::ALL {
         let [a, b] = lateral(axis).map(|letter| format!("{}_{letter}_um", detector.name()));
-        columns.push([table.require(&a)?, table.require(&b)?]);
+        columns.push([table.column(&a)?, table.column(&b)?]);
     }
     Ok(core::array::from_fn(|i| columns[i]))
 }
@@ -149,11 +149,11 @@ struct Run {
 }
 
 fn read_run(path: &Path, axis: AxisName) -> Result<Run> {
-    let mut table = columns::open(path)?;
-    let (at, distance) = (table.run("position_mm")?, table.require("distance_mm")?);
+    let mut table = table::open(path)?;
+    let (at, distance) = (table.run("position_mm")?, table.column("distance_mm")?);
     let channels = channel_columns(&mut table, axis)?;
-    let level = table.find("level_arcsec");
-    table.only(see_help)?;
+    let level = table.find_column("level_arcsec");
+    table.only_asked(see_help)?;
     let mut levels: Vec<(f64, f64)> = Vec::new();
     let mut reference: Option<Channels> = None;
     let rows = table.some_rows(|row| {
@@ -285,8 +285,9 @@ impl Found for Outcome<'_> {
         self.check.iter().for_each(DriftCheck::print);
     }
 
-    fn write(&self) -> Result<String> {
-        self.args.out.write(self.axis, &self.measured, None, &self.origin)
+    fn write(&self, end: &mut String) -> Result<()> {
+        *end = self.args.out.write(self.axis, &self.measured, None, &self.origin)?;
+        Ok(())
     }
 }
 

@@ -13,12 +13,12 @@ pub(super) fn calibrated(
     path: &Path,
     file: &mut HeadFile,
 ) -> Result<Calibration> {
-    let mut table = columns::open(path)?;
-    let distance = table.require("distance_mm")?;
+    let mut table = table::open(path)?;
+    let distance = table.column("distance_mm")?;
     let channels = channel_columns(&mut table, axis)?;
-    let push = lateral(axis).map(|letter| table.find(&format!("push_{letter}_um")));
-    table.find("t_s");
-    table.only(see_help)?;
+    let push = lateral(axis).map(|letter| table.find_column(&format!("push_{letter}_um")));
+    table.find_column("t_s");
+    table.only_asked(see_help)?;
     let log = table.some_rows(|row| {
         Ok(RestingReading {
             push: [row.value_or(push[0], 0.0)?, row.value_or(push[1], 0.0)?],

@@ -165,12 +165,13 @@ fn read_readings(
     sigmas: &[f64; 3],
     stops: &mut Stops<LineReading>,
 ) -> Result<()> {
-    let mut table = columns::open(path)?;
+    let mut table = table::open(path)?;
     let run = table.run("position_mm")?;
     let names: Vec<String> =
         lines.iter().flat_map(|(n, _)| ["dx", "dy", "dz"].map(|d| format!("{n}_{d}_um"))).collect();
-    let columns: Vec<_> = names.iter().enumerate().filter_map(|(k, n)| Some((k, table.find(n)?))).collect();
-    table.only(|column| {
+    let columns: Vec<_> =
+        names.iter().enumerate().filter_map(|(k, n)| Some((k, table.find_column(n)?))).collect();
+    table.only_asked(|column| {
         columns::hint(column, &names, format_args!("position_mm, cycle, direction, {}", names.join(", ")))
     })?;
     table.rows(|row| {

@@ -238,14 +238,15 @@ impl Args {
 }
 
 fn poses(path: &Path, stops: &mut Stops<HeadPose>) -> Result<()> {
-    let mut table = columns::open(path)?;
-    let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find(name));
-    let (c, a) = (table.require("c_deg")?, table.require("a_deg")?);
+    let mut table = table::open(path)?;
+    let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find_column(name));
+    let (c, a) = (table.column("c_deg")?, table.column("a_deg")?);
     let tip = table.three(["tip_x_um", "tip_y_um", "tip_z_um"])?;
     let axis = table.three(["dir_x_arcsec", "dir_y_arcsec", "dir_z_arcsec"])?;
     table.some_rows(|row| {
         let position = row.value_or(z, 0.0)?;
-        let at = Reading { position, cycle: row.count(cycle)?, travel: row.travel(direction)?, value: 0.0 };
+        let at =
+            Reading { position, cycle: row.count_of(cycle)?, travel: row.travel_of(direction)?, value: 0.0 };
         stops.at(at).push(HeadPose {
             c: row.value(c)?,
             a: row.value(a)?,

@@ -158,8 +158,9 @@ impl Found for Outcome<'_> {
         }
     }
 
-    fn write(&self) -> Result<String> {
-        self.args.out.write(self.axis, &self.run, self.args.base_point_mm, &self.origin)
+    fn write(&self, end: &mut String) -> Result<()> {
+        *end = self.args.out.write(self.axis, &self.run, self.args.base_point_mm, &self.origin)?;
+        Ok(())
     }
 }
 
@@ -242,9 +243,9 @@ impl Readings {
         let run = table.run("position_mm")?;
         let channels = ChannelColumns::find(table);
         // columns such as `eyx_um` of this axis
-        let errors =
-            Component::ALL.map(|component| table.find(&column(ErrorSymbol::Motion { component, axis })));
-        table.only(|_| {
+        let errors = Component::ALL
+            .map(|component| table.find_column(&column(ErrorSymbol::Motion { component, axis })));
+        table.only_asked(|_| {
             "columns are position_mm, cycle, direction, distance_um, horizontal_um, vertical_um, roll_arcsec, pitch_arcsec, yaw_arcsec, or errors such as eyx_um".to_owned()
         })?;
         let has = channels.has();
@@ -289,7 +290,7 @@ impl Readings {
 
 /// Reads a run in machine directions, moved to the base point where wanted.
 fn read_run(path: &Path, axis: AxisName, args: &Args, signs: Option<&SignFile>) -> Result<Vec<Measured>> {
-    let mut table = columns::open(path)?;
+    let mut table = table::open(path)?;
     let columns = Readings::find(&mut table, axis, args, signs)?;
     let mut rows = table.some_rows(|row| columns.read(row))?;
     if let Some(base) = args.base_point_mm {

@@ -156,7 +156,7 @@ fn column_name(channel: Channel) -> String {
 
 impl ChannelColumns {
     pub(super) fn find(table: &mut Columns) -> Self {
-        Self(Channel::ALL.map(|c| table.find(&column_name(c))))
+        Self(Channel::ALL.map(|c| table.find_column(&column_name(c))))
     }
 
     pub(super) fn has(&self) -> [bool; 6] {
@@ -175,9 +175,9 @@ impl ChannelColumns {
 
 /// Runs a tilt test from a file.
 pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6]> {
-    let mut table = columns::open(path)?;
+    let mut table = table::open(path)?;
     let applied = ["x_um", "y_um", "z_um", "a_arcsec", "b_arcsec", "c_arcsec"];
-    let applied = ChannelColumns(applied.map(|name| table.find(&format!("applied_e{name}"))));
+    let applied = ChannelColumns(applied.map(|name| table.find_column(&format!("applied_e{name}"))));
     let channels = ChannelColumns::find(&mut table);
     table.only_known()?;
     let read = |row: &Columns| Ok(TiltReading { applied: applied.read(row)?, channels: channels.read(row)? });

@@ -21,7 +21,7 @@ pub(super) fn shots(
     frame: &Frame,
     tracker: &TrackerArgs,
 ) -> Result<Vec<Shot>> {
-    let mut table = columns::open(path)?;
+    let mut table = table::open(path)?;
     let run = table.run("position_mm")?;
     let mut columns = Vec::with_capacity(points.len());
     for (i, (name, _)) in points.iter().enumerate() {
@@ -30,7 +30,7 @@ pub(super) fn shots(
             columns.push((i, found));
         }
     }
-    table.only(|column| {
+    table.only_asked(|column| {
         let wanted: Vec<String> =
             points.iter().flat_map(|(name, _)| ENDINGS.map(|e| format!("{name}{e}"))).collect();
         columns::hint(column, &wanted, "position_mm, cycle, direction and NAME_x_mm, NAME_y_mm, NAME_z_mm (or NAME_range_mm, NAME_azimuth_deg, NAME_elevation_deg) for the points of --points")
@@ -49,7 +49,7 @@ pub(super) fn shots(
 
 /// The points of every row, whatever their names; `names` grows with the files.
 pub(super) fn poses(path: &Path, frame: &Frame, names: &mut Vec<String>) -> Result<Vec<Vec<Option<Vec3>>>> {
-    let mut table = columns::open(path)?;
+    let mut table = table::open(path)?;
     let mut columns: Vec<(usize, PointColumns)> = Vec::new();
     for column in table.columns().to_vec() {
         let Some(name) = column.strip_suffix("_x_mm").or_else(|| column.strip_suffix("_range_mm")) else {
