@@ -295,7 +295,9 @@ impl Service {
         let now = self.clock.now();
         if now.seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
-            self.look_at_the_benefit(now);
+            // one value of the benefit a second
+            let (axes, last) = (self.status_collector.axes(), self.status_collector.last());
+            self.benefit.look(now, &self.models.active.model, &axes, last, self.gain);
             self.look_at_what_lasts(now);
         }
         self.recent.look(now, &self.channels.progress);
@@ -328,12 +330,6 @@ impl Service {
             }
         }
         self.standing = standing;
-    }
-
-    /// One value of the benefit a second.
-    fn look_at_the_benefit(&mut self, now: MonoTime) {
-        let (axes, last) = (self.status_collector.axes(), self.status_collector.last());
-        self.benefit.look(now, &self.models.active.model, &axes, last, self.gain);
     }
 
     pub(super) fn status(&mut self) -> Status {

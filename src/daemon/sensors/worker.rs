@@ -380,10 +380,8 @@ impl Worker {
 
     /// True where a frame waits.
     fn take_motions(&mut self) -> bool {
-        let first = match &self.start.end.lock_step {
-            Some(_) => self.start.end.motions.recv_timeout(POLL).ok(),
-            None => None,
-        };
+        let end = &self.start.end;
+        let first = end.lock_step.as_ref().and_then(|_| end.motions.recv_timeout(POLL).ok());
         let mut waited_for = false;
         let mut next = first.or_else(|| self.start.end.motions.try_recv().ok());
         while let Some(motion) = next {

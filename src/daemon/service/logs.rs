@@ -31,10 +31,7 @@ pub(super) fn log_realtime(report: &RealtimeReport) {
 }
 
 pub(super) fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, held_back: u64) {
-    let mut axes = String::new();
-    for axis in handshake::announced(hello) {
-        axes.push(axis.name.letter());
-    }
+    let axes: String = handshake::announced(hello).iter().map(|axis| axis.name.letter()).collect();
     let cycle_s = hello.cycle_ns as f64 / NS_PER_S;
     info!(%address, control = %hello.software, machine = %hello.machine, axes, cycle_s, held_back, "link up");
 }
