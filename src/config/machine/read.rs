@@ -47,7 +47,7 @@ pub(super) fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let status = top.read("status", read_status);
     let log = top.read("log", read_log);
     let recording = top.read("recording", read_recording);
-    let state = top.read("state", read_state);
+    let state = top.read("state", |state| StateConfig { directory: read_directory(state) });
     let guard = top.read("guard", read_guard);
     let sensors = read_sensors(top);
     if sensors.lock_step && is_remote {
@@ -443,10 +443,6 @@ fn read_recording(recording: &Section<'_>) -> RecordingConfig {
         when_full: recording.choice("when-full", &when_full).unwrap_or_default(),
         flush_s: recording.number_or("flush-ms", within(20.0, 1000.0), 500.0) / 1e3,
     }
-}
-
-fn read_state(state: &Section<'_>) -> StateConfig {
-    StateConfig { directory: read_directory(state) }
 }
 
 /// Change of a model that needs no confirmation by default, um and arcsec.

@@ -156,14 +156,13 @@ fn read_sensor(section: &Section<'_>, maps: &[MapSpec]) -> Option<SensorSpec> {
     let kind = section.choice("kind", &kinds);
     let map = section.text("map");
     let laser = read_laser(section);
-    let of_kind = match kind {
-        Some(Kind::Tool) => find_map(section, map.as_ref(), maps).map(|map| SensorKind::Tool { map }),
-        Some(Kind::FiveDof) => laser,
-        Some(Kind::Value) => Some(SensorKind::Value),
-        Some(Kind::Temperature) => Some(SensorKind::Temperature),
-        Some(Kind::Speed) => Some(SensorKind::Speed),
-        None => None,
-    };
+    let of_kind = kind.and_then(|kind| match kind {
+        Kind::Tool => find_map(section, map.as_ref(), maps).map(|map| SensorKind::Tool { map }),
+        Kind::FiveDof => laser,
+        Kind::Value => Some(SensorKind::Value),
+        Kind::Temperature => Some(SensorKind::Temperature),
+        Kind::Speed => Some(SensorKind::Speed),
+    });
     let foreign = FIVE_DOF_KEYS.iter().find(|k| section.value(k).is_some() && kind != Some(Kind::FiveDof));
     if let Some(key) = foreign.filter(|_| kind.is_some()) {
         section

@@ -127,11 +127,6 @@ impl Unit {
         let entry = UNITS.into_iter().find(|(n, ..)| *n == name)?;
         Some((Self { name: entry.0, dimension: entry.1 }, entry.2))
     }
-
-    /// The unit at the end of an output's name, such as `x_mm`.
-    fn of_output(name: &str) -> Option<(Self, [f64; 2])> {
-        Self::find(name.rsplit_once('_')?.1)
-    }
 }
 
 /// The file of a map.
@@ -283,7 +278,7 @@ fn conversion(output: &str, unit: Option<&str>) -> Result<Conversion, FormatErro
             _ => Err(wrong(output, "a unit of length or angle behind the column, such as Soll:mm")),
         };
     }
-    let Some((out, out_size)) = Unit::of_output(output) else {
+    let Some((out, out_size)) = output.rsplit_once('_').and_then(|(_, unit)| Unit::find(unit)) else {
         return Err(wrong(output, "an output that ends in its unit, such as t_s, x_mm or temp_degc"));
     };
     let Some((given, size)) = given else { return Ok(Conversion::PLAIN) };

@@ -85,10 +85,7 @@ impl<'a> Motions<'a> {
     pub fn new(spec: &'a ModelSpec, axis: AxisName, at_origin: bool) -> Result<Self, ExportError> {
         let in_chain = spec.chain.axes().iter().find(|a| a.name == axis);
         let side = in_chain.ok_or(ExportError::AxisNotInChain { axis })?.side;
-        let functions = Component::ALL.map(|component| {
-            let symbol = ErrorSymbol::Motion { component, axis };
-            spec.error(symbol)
-        });
+        let functions = Component::ALL.map(|component| spec.error(ErrorSymbol::Motion { component, axis }));
         for (component, function) in Component::ALL.into_iter().zip(functions) {
             if function.is_some_and(|f| !f.live.is_empty()) {
                 return Err(ExportError::Live { symbol: ErrorSymbol::Motion { component, axis } });
