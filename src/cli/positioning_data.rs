@@ -11,7 +11,7 @@ use volcomp_formats::detect;
 use volcomp_formats::iso230_dat;
 use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_formats::rtl::DeviationUnit;
-use volcomp_formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
+use volcomp_formats::{FormatError, FormatErrorKind, Place, ReadError, api_pos, rtl, text};
 
 /// How the data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -31,6 +31,14 @@ pub(super) fn format_failure(file: &str, e: &FormatError) -> Failure {
     let code = if matches!(e.kind, FormatErrorKind::NotStated { .. }) { EX_USAGE } else { EX_DATAERR };
     let separator = if e.place == Place::File { ": " } else { ":" };
     Failure::new(code, format_args!("error: {file}{separator}{e}"))
+}
+
+/// A mistake or failure of a source read row by row.
+pub(super) fn read_failure(path: &Path, e: &ReadError) -> Failure {
+    match e {
+        ReadError::Io(e) => Failure::io(path, e),
+        ReadError::Format(e) => format_failure(&path.display().to_string(), e),
+    }
 }
 
 /// True where the beginning of a file gives away the format of an instrument.

@@ -16,7 +16,7 @@ pub(crate) use crate::files::{
 pub(crate) use crate::input::{self, InputKind};
 pub(crate) use crate::model_writer::{ModelWriter, Sources, data_error, default_chain};
 pub(crate) use crate::numerals::{Joined, counted, figure, micro, plain, signed, small};
-pub(crate) use crate::positioning_data::format_failure;
+pub(crate) use crate::positioning_data::{format_failure, read_failure};
 pub(crate) use crate::quantities::{
     error_out, error_unit, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };

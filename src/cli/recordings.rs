@@ -126,10 +126,7 @@ pub(super) fn walk(files: &mut [Parsed], mut each: impl FnMut(&Item) -> Result<(
     let mut expected = 0;
     let count = files.len();
     for (k, Parsed { path, bytes, .. }) in files.iter_mut().enumerate() {
-        let bytes = match bytes.take() {
-            Some(bytes) => bytes,
-            None => content(path)?,
-        };
+        let bytes = bytes.take().map_or_else(|| content(path), Ok)?;
         let recording = recording(path, &bytes)?;
         let file = path.display().to_string();
         let mut reader = recording.reader(expected);

@@ -85,11 +85,6 @@ impl Measured {
         self.lines.append(&mut other.lines);
     }
 
-    /// True where readings came from this file.
-    pub(crate) fn is_from(&self, file: &str) -> bool {
-        self.files.iter().any(|(_, f)| f == file)
-    }
-
     /// The readings of each file.
     pub(crate) fn by_file(&self) -> impl Iterator<Item = (&str, &[Reading])> {
         let ends = self.files.iter().skip(1).map(|(first, _)| *first).chain([self.readings.len()]);

@@ -325,7 +325,7 @@ impl Args {
         let mut model = self.model.base(|| default_chain(fitted.iter().map(|f| f.symbol.axis())))?;
         for f in fitted {
             let name = |i: usize| self.errors[i].display().to_string();
-            let from = sources.only(|i| f.measured.is_from(&name(i))).provenance();
+            let from = sources.only(|i| f.measured.by_file().any(|(file, _)| file == name(i))).provenance();
             model.put(f.symbol, f.fit.function(), from);
         }
         for (symbol, value) in &self.squareness {

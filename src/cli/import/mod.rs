@@ -149,10 +149,8 @@ fn comp_type(text: &str) -> Result<linuxcnc::CompType, String> {
 pub(super) fn run(args: &Args) -> Result<()> {
     let first = &args.files[0];
     let is_described = args.map.is_some() || !args.columns.is_empty();
-    let format = match args.format.or(is_described.then_some(Format::Columns)) {
-        Some(format) => format,
-        None => one_format(&args.files)?,
-    };
+    let format = args.format.or(is_described.then_some(Format::Columns));
+    let format = format.map_or_else(|| one_format(&args.files), Ok)?;
     match format {
         Format::Rtl | Format::Iso230Dat | Format::ApiPos => positioning::run(args, format),
         Format::Columns if args.column_map()?.is_test() => positioning::run(args, format),

@@ -262,14 +262,6 @@ fn given<R: std::io::BufRead>(
     Ok((cycle.transpose()?, travel.transpose()?))
 }
 
-/// A mistake or failure of a source read row by row.
-pub(super) fn read_failure(path: &Path, e: &ReadError) -> Failure {
-    match e {
-        ReadError::Io(e) => Failure::io(path, e),
-        ReadError::Format(e) => format_failure(&path.display().to_string(), e),
-    }
-}
-
 /// Writes a reading, in front of the first the names of the columns.
 fn write(rows: &mut Rows, kind: AxisKind, r: &Reading) -> Result<()> {
     if rows.is_empty() {

@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 use std::io::{self, BufRead, Read, Write};
 
-use super::positioning::read_failure;
 use super::{Args, encoding_note, note_list};
 use crate::files::Rows;
 use crate::prelude::*;

@@ -91,6 +91,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return say(args, &format!("{report:#}\n"));
     }
     let mut lines: Vec<String> = fates.iter().map(|fate| with_shrink(fate, forecast.as_ref())).collect();
+    let is_delay = |(effect, fate): &(String, Fate)| effect == "latency" && fate.is_taken();
     lines.extend(fates.iter().any(is_delay).then(|| DELAY.to_owned()));
     lines.extend(delivered.map(|d| d.line()));
     lines.push(format!("written: {}", args.out.display()));
@@ -112,10 +113,6 @@ fn line((effect, fate): &(String, Fate)) -> String {
 
 /// A delay of the machine and one of the recording look the same.
 const DELAY: &str = "note: a delay of the recording looks like one of the machine; measure again with the new model before use";
-
-fn is_delay((effect, fate): &(String, Fate)) -> bool {
-    effect == "latency" && fate.is_taken()
-}
 
 /// The line of an effect with its part of the forecast shrink.
 fn with_shrink(one: &(String, Fate), forecast: Option<&Forecast>) -> String {

@@ -33,10 +33,8 @@ pub(super) fn write(args: &super::Args, verified: &Verified) -> Result<()> {
     else {
         return Ok(());
     };
-    let model_hash = match model {
-        None => None,
-        Some(model) => Some(blake3::hash(&input::read(model, InputKind::Model)?).to_hex().to_string()),
-    };
+    let model = model.as_ref().map(|model| input::read(model, InputKind::Model)).transpose()?;
+    let model_hash = model.map(|bytes| blake3::hash(&bytes).to_hex().to_string());
     let [before, after] = verified.sizes;
     let reduction = verified.reductions[1];
     let record = Verification {

@@ -3,7 +3,6 @@
 use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::prelude::*;
 use volcomp_diagnose::session::Times;
-use volcomp_formats::ReadError;
 use volcomp_formats::edge::{self, Header, Row, Sink};
 
 /// Seconds per cycle of a table, which does not state it.
@@ -261,10 +260,7 @@ impl Sink for Following {
 pub(super) fn json(path: &Path, args: &InstrumentArgs) -> Result<Measurement> {
     let read = |sink: &mut dyn Sink| {
         let source = input::open(path, InputKind::Capture)?;
-        edge::read(source.buffered(), sink).map_err(|e| match e {
-            ReadError::Io(e) => Failure::io(path, &e),
-            ReadError::Format(e) => crate::positioning_data::format_failure(&path.display().to_string(), &e),
-        })
+        edge::read(source.buffered(), sink).map_err(|e| read_failure(path, &e))
     };
     let mut survey = Survey::default();
     let summary = read(&mut survey)?;
