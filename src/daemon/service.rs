@@ -143,9 +143,24 @@ impl Service {
             benefit: Benefit::default(),
             standing: BTreeSet::new(),
         };
+        service.count_found_at_start();
+        service.count_found_at_start();
         service.recall();
         service.save();
         Ok(service)
+    }
+
+    /// Counts what the start has found in the state directory.
+    fn count_found_at_start(&mut self) {
+        let damaged = self.tally.note().filter(|_| self.state_writer.recalled().is_some());
+        let notes = self.models.notes.iter().map(String::as_str).chain(damaged);
+        let found = notes
+            .filter_map(|note| note.split_once(": "))
+            .filter_map(|(code, text)| Some((Code::parse(code)?, text)));
+        let broken = self.state_writer.broken_audit().map(|text| (Code::AUDIT_BROKEN, text));
+        for (code, text) in found.chain(broken) {
+            self.recent.count(self.looked, code, 1, Some(text.to_owned()));
+        }
     }
 
     /// Whether compensation is wanted.
@@ -433,6 +448,9 @@ impl Service {
             Report::Realtime(report) => {
                 self.status_collector.realtime(&report);
                 log_realtime(&report);
+                if report.has_refusal() {
+                    self.recent.count(self.clock.now(), Code::REALTIME_REFUSED, 1, None);
+                }
             }
             Report::ConnectFailed { error, pause } => {
                 let text = error.to_string();

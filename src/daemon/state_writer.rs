@@ -42,6 +42,8 @@ pub(super) struct StateWriter {
     recalled: Option<Recalled>,
     /// Hash of the model that the audit log named last.
     known_model: Option<String>,
+    /// What the chain of the audit log lacked at the start.
+    broken_audit: Option<String>,
     /// Held while this daemon runs, so that no second one keeps its things in the same place.
     _owner: Option<File>,
 }
@@ -92,6 +94,7 @@ impl StateWriter {
             directory: None,
             recalled,
             known_model: None,
+            broken_audit: None,
             _owner: None,
         }
     }
@@ -117,7 +120,8 @@ impl StateWriter {
         }
         let path = directory.join(AUDIT_FILE);
         let (file, broken) = AuditFile::open(Arc::clone(&disk), &path)?;
-        if let Some(broken) = broken {
+        let broken_audit = broken.map(|broken| broken.to_string());
+        if let Some(broken) = &broken_audit {
             let path = path.display();
             error!(%path, code = %Code::AUDIT_BROKEN, "the audit log is broken: {broken}; it was set aside and a new one names it");
         }
@@ -133,6 +137,7 @@ impl StateWriter {
             directory: Some(directory.to_owned()),
             recalled: Some(recalled),
             known_model,
+            broken_audit,
             _owner: None,
         })
     }
@@ -140,6 +145,11 @@ impl StateWriter {
     /// What the run before has left; `None` where there is no state directory.
     pub(super) const fn recalled(&self) -> Option<&Recalled> {
         self.recalled.as_ref()
+    }
+
+    /// What the chain of the audit log lacked at the start.
+    pub(super) fn broken_audit(&self) -> Option<&str> {
+        self.broken_audit.as_deref()
     }
 
     /// Makes durable that compensation must not begin by itself, before anything is written that would hide why.

@@ -520,6 +520,11 @@ fn tampering_is_told(daemon: &mut Daemon, log: &Path) {
     let status = daemon.status();
     assert_eq!(status["lifetime"]["starts"], 1);
     assert!(status["lifetime"]["note"].as_str().is_some_and(|n| n.contains("damaged-")), "{status}");
+    // what the start has found is counted as what comes later
+    let warnings = status["recent"]["warnings"].as_array().expect("warnings");
+    for code in ["VC-7003", "VC-7004"] {
+        assert!(warnings.iter().any(|w| w["code"] == code), "{code}: {status}");
+    }
     let _ = ok(&volcomp(&["audit", "verify", name(log)]));
     assert!(fs::read_to_string(log).expect("log").contains("\"what\":\"segment\""));
 }
