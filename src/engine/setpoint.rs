@@ -165,9 +165,10 @@ impl SetpointGenerator {
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
             if wire < MAX_AXES {
                 let scale = self.scale[wire];
-                let (at, way) = (position[wire] * scale, speed[wire] * ahead_s * scale);
-                pose.fixed |= u16::from(config.limits[wire].size <= 0.0) << k;
-                pose.position[k] = within_travel(at, way, model.travel(k), config.limits[wire].size);
+                let size = config.limits[wire].size;
+                let (at, ahead) = (position[wire], position[wire] + speed[wire] * ahead_s);
+                pose.fixed |= u16::from(size <= 0.0) << k;
+                pose.position[k] = within_travel(at * scale, ahead * scale, model.travel(k), size);
                 pose.spread[k] = (speed[wire] * unsure_s * scale).abs();
                 pose.travel[k] = input.travel()[wire];
             }
@@ -297,12 +298,12 @@ impl SetpointGenerator {
     }
 }
 
-/// Where an axis at `at` that goes on by `way` is expected: it stops at the end of its travel, beyond which it stands by its offset,
-/// at most `size`, at most. One that is farther out is where it is.
-fn within_travel(at: f64, way: f64, travel: Option<[f64; 2]>, size: f64) -> f64 {
+/// Where an axis at `at` is expected, for which its speed says `ahead`: it stops at the end of its travel, beyond which it stands by
+/// its offset, at most `size`. One that is farther out goes on.
+fn within_travel(at: f64, ahead: f64, travel: Option<[f64; 2]>, size: f64) -> f64 {
     match travel {
-        Some([low, high]) if at >= low - size && at <= high + size => (at + way).max(low).min(high),
-        _ => at + way,
+        Some([low, high]) if at >= low - size && at <= high + size => ahead.max(low).min(high),
+        _ => ahead,
     }
 }
 
