@@ -97,3 +97,26 @@ fn what_is_refused_has_a_place_and_leaves_no_file() {
         assert!(!folder.path().join("out.nc").exists());
     }
 }
+
+#[test]
+fn words_that_are_not_understood_are_refused_and_a_byte_order_mark_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = concat!(env!("CARGO_MANIFEST_DIR"), "/config/examples/vmc-850/model.toml");
+    let args = ["correct", "--model", model, "--gcode", "in.nc", "--out", "out.nc"];
+    for (block, said) in [
+        ("G1 X1e-05 F100", "in.nc:3:4: X with an exponent is not corrected; write the number out"),
+        ("L200 P3", "in.nc:3:1: L200 (subprogram) is not corrected; write its blocks out"),
+        ("T0202", "in.nc:3:1: a second tool; split the program"),
+        ("G54 P1", "in.nc:3:5: P1 (additional work offset) is not corrected"),
+    ] {
+        let program = format!("T0101\nG0 X10 Y10 Z-10\n{block}\n");
+        std::fs::write(folder.path().join("in.nc"), program).unwrap();
+        let output = volcomp(&args, folder.path());
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(65) && text.contains(said), "{block}: {text}");
+        assert!(!folder.path().join("out.nc").exists());
+    }
+    std::fs::write(folder.path().join("in.nc"), "\u{feff}G0 X10 Y10 Z-10\n").unwrap();
+    assert!(volcomp(&args, folder.path()).status.success());
+    assert!(std::fs::read_to_string(folder.path().join("out.nc")).unwrap().starts_with("\u{feff}G0 X"));
+}

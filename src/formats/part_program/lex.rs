@@ -15,6 +15,14 @@ pub(super) struct Word<'a> {
     pub(super) to: usize,
 }
 
+impl Word<'_> {
+    /// This letter with this number.
+    #[expect(clippy::float_cmp, reason = "codes are whole numbers or tenths as written")]
+    pub(super) fn is(&self, letter: char, value: f64) -> bool {
+        self.letter == letter && self.value == value
+    }
+}
+
 /// Words of a line; comments `( .. )`, `;`, `%` are skipped.
 ///
 /// # Errors
@@ -63,6 +71,16 @@ fn word(text: &str, from: usize) -> Result<Word<'_>, (usize, String)> {
     let number = skip(from + 1, u8::is_ascii_whitespace);
     let to = skip(number, |b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.'));
     let letter = char::from(bytes[from]).to_ascii_uppercase();
+    // a control may read the E as part of the number, or as a word of its own
+    if let [b'e' | b'E', rest @ ..] = &bytes[to..]
+        && to > number
+        && rest.first().is_some_and(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.'))
+    {
+        let what = format!(
+            "{letter} with an exponent is not corrected; write the number out, such as {letter}0.00001"
+        );
+        return Err((from, what));
+    }
     match text[number..to].parse::<f64>().ok().filter(|v| v.is_finite()) {
         Some(value) => Ok(Word { letter, value, text: &text[from..to], from, number, to }),
         None => Err((

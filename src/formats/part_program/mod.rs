@@ -110,13 +110,20 @@ pub fn correct(text: &str, request: &Request<'_>) -> Result<Corrected, ProgramEr
         begun: false,
         next_tool: None,
         tool: None,
+        by_m6: false,
     };
-    for (n, line) in text.split_inclusive('\n').enumerate() {
+    let program = text.strip_prefix('\u{feff}').unwrap_or(text);
+    run.by_m6 = program.lines().any(|l| words(l).is_ok_and(|w| w.iter().any(|w| w.is('M', 6.0))));
+    run.out.text.push_str(&text[..text.len() - program.len()]);
+    for (n, line) in program.split_inclusive('\n').enumerate() {
         run.line = n + 1;
         let body = line.trim_end_matches(['\n', '\r']);
         run.block(body, &line[body.len()..])?;
         if run.out.text.len() > OUT_MAX {
-            return Err(run.fail(0, "the corrected program exceeds 1 GiB; enlarge --tolerance-um"));
+            return Err(run.fail(
+                0,
+                "the corrected program exceeds 1 GiB; enlarge --tolerance-um or --tolerance-arcsec",
+            ));
         }
     }
     Ok(run.out)
@@ -145,6 +152,8 @@ struct Run<'a> {
     /// Tool named last, and tool in the spindle.
     next_tool: Option<f64>,
     tool: Option<Option<f64>>,
+    /// `M6` changes the tool; without it the T word does (turret).
+    by_m6: bool,
     line: usize,
     out: Corrected,
 }
@@ -165,6 +174,16 @@ impl Run<'_> {
         let words = words(text).map_err(|(at, what)| self.fail(at, what))?;
         for word in &words {
             self.code(word)?;
+        }
+        let has = |letter: char, value: f64| words.iter().any(|w| w.is(letter, value));
+        if let Some(p) = words.iter().find(|w| w.letter == 'P')
+            && (54..=59).any(|g| has('G', f64::from(g)))
+            && !(has('G', 4.0) || has('G', 64.0))
+        {
+            return Err(self.fail(
+                p.from,
+                format!("{} (additional work offset) is not corrected; use one of G54 to G59, given by --work-offset", p.text),
+            ));
         }
         self.begun |= !words.is_empty();
         let moved: Vec<(usize, &Word<'_>)> = words.iter().filter_map(|w| Some((self.axis(w)?, w))).collect();
@@ -243,17 +262,19 @@ impl Run<'_> {
                     format!("{} (subprogram) is not corrected; write its blocks out", word.text),
                 ));
             }
-            // the lever of the angular errors is that of one tool
-            'M' if code == 60 => {
-                if self.tool.is_some_and(|tool| tool != self.next_tool) {
-                    return Err(self.fail(
-                        word.from,
-                        "a second tool; split the program, each with the model of its tool (tool-tip-mm)",
-                    ));
+            'M' if code == 60 => self.change_tool(word)?,
+            'T' => {
+                self.next_tool = Some(word.value);
+                if !self.by_m6 {
+                    self.change_tool(word)?;
                 }
-                self.tool = Some(self.next_tool);
             }
-            'T' => self.next_tool = Some(word.value),
+            'L' => {
+                return Err(self.fail(
+                    word.from,
+                    format!("{} (subprogram) is not corrected; write its blocks out", word.text),
+                ));
+            }
             // the number of the program
             'O' if !self.begun => {}
             'O' => {
@@ -276,6 +297,18 @@ impl Run<'_> {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// Takes in the tool named last, or refuses it: the lever of the angular errors is that of one tool.
+    fn change_tool(&mut self, word: &Word<'_>) -> Result<(), ProgramError> {
+        if self.tool.is_some_and(|tool| tool != self.next_tool) {
+            return Err(self.fail(
+                word.from,
+                "a second tool; split the program, each with the model of its tool (tool-tip-mm)",
+            ));
+        }
+        self.tool = Some(self.next_tool);
         Ok(())
     }
 
@@ -330,22 +363,21 @@ impl Run<'_> {
             let off_line = |part: u32| {
                 let (low, high) = (f64::from(part) / n, f64::from(part + 1) / n);
                 let (a, b) = (offset(low), offset(high));
-                [0.25, 0.5, 0.75].into_iter().any(|s| {
+                [0.25, 0.5, 0.75].into_iter().find_map(|s| {
                     let there = offset(low + s * (high - low));
-                    (0..self.axes.len()).any(|k| {
+                    (0..self.axes.len()).find(|&k| {
                         let tolerance = self.request.tolerance[usize::from(self.is_rotary(k))];
                         (there[k] - a[k] - s * (b[k] - a[k])).abs() > tolerance
                     })
                 })
             };
-            if !(0..parts).any(off_line) {
-                return Ok(parts);
-            }
+            let Some(bent) = (0..parts).find_map(off_line) else { return Ok(parts) };
             parts *= 2;
             if parts > PARTS_MAX {
+                let option = if self.is_rotary(bent) { "--tolerance-arcsec" } else { "--tolerance-um" };
                 return Err(self.fail(
                     column,
-                    format!("more than {PARTS_MAX} parts are needed to follow the correction; enlarge --tolerance-um, or look for a step in the model"),
+                    format!("more than {PARTS_MAX} parts are needed to follow the correction of {}; enlarge {option}, or look for a step in the model", self.axes[bent]),
                 ));
             }
         }

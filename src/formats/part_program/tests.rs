@@ -120,11 +120,20 @@ fn what_is_not_corrected_is_refused_with_line_and_remedy() {
         ("G4 X1", 2, 1, "dwell"),
         ("X120", 2, 1, "travel 0 to 100 mm"),
         ("G1 F100 X99 M5", 2, 13, "M word"),
+        ("X1e-05", 2, 1, "exponent"),
+        ("G1 F1\nY2 X1E2", 3, 4, "exponent"),
+        ("L200", 2, 1, "L200 (subprogram)"),
+        ("N20 L200 P3", 2, 5, "subprogram"),
+        ("T0101\nT0101\nT0202", 4, 1, "second tool"),
+        ("G54 P1", 2, 5, "additional work offset"),
         ("(open", 2, 1, "comment without end"),
     ] {
         let error = correct(&format!("{start}{text}\n"), &request(&model)).unwrap_err();
         assert_eq!((error.line, error.column), (line, column), "{text}: {error}");
         assert!(error.what.contains(said), "{text}: {error}");
+    }
+    for passed in ["T1 M6\nT2", "T2\nT1 M6", "T0101", "G54 G4 P0.5", "G54\nG64 P0.01", "G1 X1 F1 E2"] {
+        assert!(correct(&format!("{start}{passed}\n"), &request(&model)).is_ok(), "{passed}");
     }
     let unknown = correct("G0 X1 Y1", &request(&model)).unwrap_err();
     assert!(
@@ -134,4 +143,35 @@ fn what_is_not_corrected_is_refused_with_line_and_remedy() {
     let narrow = Request { limit: [5e-3, 1e-3], ..request(&model) };
     let error = correct("G0 X50 Y0 A0", &narrow).unwrap_err();
     assert!(error.what.contains("correction of Y at 0 mm is -10.0 µm, limit 5.0 µm"), "{error}");
+}
+
+#[test]
+fn a_byte_order_mark_is_kept() {
+    let model = model("[w b X Y t]");
+    let out = correct("\u{feff}G0 X0 Y0\r\n", &request(&model)).unwrap();
+    assert_eq!(out.text, "\u{feff}G0 X0.000000 Y0.000000\r\n");
+    assert_eq!(correct("\u{feff}G2 X0", &request(&model)).unwrap_err().column, 1);
+}
+
+#[test]
+fn the_remedy_against_many_parts_names_axis_and_tolerance() {
+    let step = ErrorFunction::single(Curve::Table(
+        Table::new(
+            vec![0.0, 50.0, 50.0 + 1e-9, 100.0],
+            vec![0.0, 0.0, 1e-4, 1e-4],
+            None,
+            Interpolation::Linear,
+        )
+        .unwrap(),
+    ));
+    for (symbol, said) in
+        [("eax", "of A; enlarge --tolerance-arcsec"), ("eyx", "of Y; enlarge --tolerance-um")]
+    {
+        let mut spec = ModelSpec::new("m", Chain::parse("[w A' b X Y Z t]").unwrap());
+        spec.errors.push((ErrorSymbol::parse(symbol).unwrap(), step.clone()));
+        let model = Model::new(&spec).unwrap();
+        let request = Request { tolerance: [1e-5, 1e-6], ..request(&model) };
+        let error = correct("G0 X1 Y0 Z0 A0\nG1 X99 F1\n", &request).unwrap_err();
+        assert!(error.what.contains(said), "{error}");
+    }
 }
