@@ -460,3 +460,28 @@ fn an_exported_recording_is_a_session_without_readings() {
         "{said}"
     );
 }
+
+#[test]
+fn a_reversal_is_exported_by_direction_and_other_dynamic_terms_are_named() {
+    let s = Scratch::new();
+    let head = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z t]\"\n[axes.x]\ntravel-mm = [0, 300]\n";
+    let velocity = "[errors.exx.velocity]\ngain-um-s-per-mm = -4\nlimit-um = 50\n";
+    let reversal = format!(
+        "{head}[errors.exx.reversal]\nwidth-um = 12\nlimit-um = 6\n{velocity}[tool]\nspindle-tilt-arcsec = [5, 0]\n[frame]\ngauge-point-mm = [0, 0, 0]\ntool-tip-mm = [0, 0, -100]\n"
+    );
+    let model = s.write("m.toml", reversal);
+    let args = ["export", &model, "--axis", "x", "--format"];
+    let out = s.path("x.comp");
+    let said = ok(&[&args[..], &["linuxcnc", "--comp-type", "0", "--out", &out]].concat());
+    assert!(said.contains("not in this file: EXX velocity, [tool] spindle-tilt-arcsec\n"), "{said}");
+    // as predict says: -6 um towards plus, +6 um towards minus
+    assert_eq!(s.read("x.comp"), "0.000000 -0.006000 0.006000\n300.000000 299.994000 300.006000\n");
+    ok(&[&args[..], &["heidenhain", "--sign", "deviation", "--out", &s.path("x.com")]].concat());
+    assert!(s.read("x.com").contains("NR AXISPOS BACKLASH X\r\n0 0.0000 0.0060 -0.0060\r\n"));
+    let said = fails(64, &[&args[..], &["isg", "--out", &s.path("no.csv")]].concat());
+    assert!(said.contains("EXX differs between the directions of travel"), "{said}");
+    let nothing = s.write("v.toml", format!("{head}{velocity}"));
+    let said =
+        fails(65, &["export", &nothing, "--axis", "x", "--format", "isg-lis", "--out", &s.path("no.lis")]);
+    assert!(said.contains("no positioning error over the position of axis X"), "{said}");
+}

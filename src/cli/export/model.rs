@@ -7,6 +7,7 @@ use crate::import::ControlArgs;
 use crate::prelude::*;
 use volcomp_formats::sample::{AxisTable, ExportError, Sampling, Way};
 use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, motion_table, rtl};
+use volcomp_model::Law;
 
 /// Straight lines between points stay this close to the model where nothing else is asked for, um.
 const TOLERANCE_UM: f64 = 0.05;
@@ -161,6 +162,10 @@ fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &
     if !missing.is_empty() {
         note!("not in this file: {missing}");
     }
+    let terms = unheld_terms(args, spec, written);
+    if !terms.is_empty() {
+        note!("not in this file: {}", terms.join(", "));
+    }
     if spec.errors.iter().any(|(s, f)| written.contains(s) && f.std.is_some()) && format != FormatArg::Csv {
         note!("not in this file: the stated uncertainties");
     }
@@ -174,4 +179,27 @@ fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &
             "note: axis {axis} has angular errors, so away from its reference points its linear errors are others; the table holds those at the reference points"
         );
     }
+}
+
+/// Dynamic terms and errors of the tool that no table holds. Of a reversal error a table holds the values after long travel.
+fn unheld_terms(args: &ModelOptions, spec: &ModelSpec, written: &[ErrorSymbol]) -> Vec<String> {
+    let mut terms = Vec::new();
+    for (symbol, function) in spec.errors.iter().filter(|(s, _)| written.contains(s)) {
+        for term in &function.dynamics {
+            let what = match term.law {
+                Law::Reversal { .. } if args.direction == Some(Way::Mean) => "reversal",
+                Law::Reversal { build_up } if build_up > 0.0 => "build-up of the reversal",
+                Law::Reversal { .. } => continue,
+                Law::FrictionPeak { .. } => "friction-peak",
+                Law::Friction { .. } => "friction",
+                Law::Velocity => "velocity",
+                Law::Acceleration => "acceleration",
+            };
+            terms.push(format!("{symbol} {what}"));
+        }
+    }
+    let tilted = spec.tool.tilt != [0.0; 2];
+    terms.extend(tilted.then(|| "[tool] spindle-tilt-arcsec".to_owned()));
+    terms.extend((spec.tool.length != 0.0).then(|| "[tool] length-error-um-per-m".to_owned()));
+    terms
 }

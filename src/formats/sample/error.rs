@@ -12,7 +12,7 @@ pub enum ExportError {
         axis: AxisName,
     },
     /// Nothing to write.
-    #[error("the model has no {what} of axis {axis}; nothing to write")]
+    #[error("the model has no {what} over the position of axis {axis}; nothing to write")]
     NoError {
         /// What the format would hold.
         what: &'static str,

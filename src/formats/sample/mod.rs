@@ -14,7 +14,7 @@ use crate::prelude::*;
 use volcomp_model::chain_notation::Side;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
-use volcomp_model::{AxisSpec, Sense};
+use volcomp_model::{AxisMotion, AxisSpec, DynamicTerm, Law, Sense};
 
 /// Which values go into a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,10 +96,13 @@ impl<'a> Motions<'a> {
         Ok(Self { axis: entry, functions, inverted, side, at_origin })
     }
 
-    /// The components that are not zero, at least not everywhere.
+    /// The components that have a curve, a grid or a reversal error.
     #[must_use]
     pub fn present(&self) -> Vec<Component> {
-        let stored = |c: Component| self.functions[c.index()].is_some();
+        let holds = |f: &ErrorFunction| {
+            !(f.curves.is_empty() && f.grids.is_empty()) || f.dynamics.iter().any(is_reversal)
+        };
+        let stored = |c: Component| self.functions[c.index()].is_some_and(holds);
         let moved =
             |c: Component| self.is_moved() && !c.is_angle() && Component::ALL[3..].iter().any(|a| stored(*a));
         Component::ALL.into_iter().filter(|c| stored(*c) || moved(*c)).collect()
@@ -136,7 +139,10 @@ impl<'a> Motions<'a> {
     #[must_use]
     pub fn first_two_way(&self, components: &[Component]) -> Option<ErrorSymbol> {
         let two = |c: &Curve| matches!(c, Curve::Table(t) if t.columns().2.is_some());
-        let any = |c: Component| self.functions[c.index()].is_some_and(|f| f.curves.iter().any(two));
+        let any = |c: Component| {
+            self.functions[c.index()]
+                .is_some_and(|f| f.curves.iter().any(two) || f.dynamics.iter().any(is_reversal))
+        };
         let moved = self.is_moved() && Component::ALL[3..].iter().any(|a| any(*a));
         let found = components.iter().find(|c| any(**c) || (moved && !c.is_angle()));
         found.map(|c| ErrorSymbol::Motion { component: *c, axis: self.axis.name })
@@ -185,7 +191,11 @@ impl<'a> Motions<'a> {
             }
             g.value(&at[..g.axes().len()]).0
         });
-        sign * (function.value(x, travel) + grids.sum::<f64>())
+        // after long travel in a direction, as where no motion is known
+        let motion = AxisMotion::after(travel);
+        let reversal =
+            function.dynamics.iter().filter(|d| is_reversal(d)).map(|d| d.value(x, d.law.signal(&motion)));
+        sign * (function.value(x, travel) + grids.sum::<f64>() + reversal.sum::<f64>())
     }
 
     /// Support points of another axis in all grids.
@@ -257,11 +267,18 @@ impl<'a> Motions<'a> {
                 }
             }
         }
+        // a width that changes along the axis may reach its limit between two points
+        exact &= self.functions.iter().flatten().flat_map(|f| &f.dynamics).all(|d| d.growth == 0.0);
         knots.extend(self.grid_positions(self.axis.name));
         knots.retain(|k| (low..=high).contains(k));
         let bed = self.axis.reference_points.iter().any(|r| r.body == ReferenceBody::Bed);
         (sorted(knots), wave, exact && !(bed && self.is_moved()))
     }
+}
+
+/// A reversal error: the dynamic term whose two end values a table with two directions can hold.
+fn is_reversal(term: &DynamicTerm) -> bool {
+    matches!(term.law, Law::Reversal { .. }) && term.gain != 0.0
 }
 
 /// A table over one axis, mm or rad, relative sense.

@@ -50,6 +50,40 @@ fn the_carriage_sense_is_turned_into_the_relative_one() {
 }
 
 #[test]
+fn a_reversal_error_goes_into_the_two_directions_as_the_model_says() {
+    use volcomp_model::{Model, Pose};
+    for (chain, sense) in [("[w b X t]", Sense::Relative), ("[w X' b t]", Sense::Carriage)] {
+        let mut spec = spec(chain, &[("exx", table(&[-300.0, 300.0], &[0.0, 7e-3], None))]);
+        spec.axes.push(AxisSpec { sense, travel: Some([0.0, 300.0]), ..AxisSpec::new(AxisName::X) });
+        let term = |law, growth| DynamicTerm { law, gain: 12e-3, growth, limit: 7e-3 };
+        spec.errors[0].1.dynamics =
+            vec![term(Law::Reversal { build_up: 0.1 }, 1e-3), term(Law::Velocity, 0.0)];
+        let model = Model::new(&spec).unwrap();
+        let motions = Motions::new(&spec, AxisName::X, false).unwrap();
+        let found = sample_axis(&motions, &[Component::X], &Sampling::default(), &ONE_AXIS).unwrap();
+        let column = &found.columns[0];
+        for (travel, values) in
+            [(Travel::Forward, &column.forward), (Travel::Reverse, column.reverse.as_ref().unwrap())]
+        {
+            for (q, value) in found.positions.iter().zip(values) {
+                let mut pose = Pose::at([*q, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+                pose.travel[0] = travel;
+                let want = model.correct(&pose).0.position.x;
+                assert!((value - want).abs() < 1e-12, "{chain} {q} {travel:?}: {value} instead of {want}");
+            }
+        }
+        assert!(found.largest_error < 0.05e-3 && column.forward[0] < column.reverse.as_ref().unwrap()[0]);
+        let one = Limits { two_directions: false, ..ONE_AXIS };
+        let refused = sample_axis(&motions, &[Component::X], &Sampling::default(), &one).unwrap_err();
+        assert!(matches!(refused, ExportError::TwoDirections { .. }));
+        spec.errors[0].1 =
+            ErrorFunction { dynamics: vec![term(Law::Velocity, 0.0)], ..ErrorFunction::default() };
+        let nothing = sample_positioning(&spec, AxisName::X, &Sampling::default(), &ONE_AXIS).unwrap_err();
+        assert!(matches!(nothing, ExportError::NoError { .. }), "{nothing}");
+    }
+}
+
+#[test]
 fn reference_points_are_carried_to_the_origin() {
     let mut spec = spec("[w b X t]", &[("ecx", table(&[0.0, 100.0], &[0.0, 1e-5], None))]);
     let mut axis = AxisSpec::new(AxisName::X);
