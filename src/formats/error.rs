@@ -140,6 +140,14 @@ pub enum FormatErrorKind {
         /// The number found.
         found: u64,
     },
+    /// A row with more fields than the header has columns.
+    #[error("{found} fields, the header has {columns} columns; is there a decimal comma?")]
+    Surplus {
+        /// Columns of the header.
+        columns: usize,
+        /// Fields of the row.
+        found: usize,
+    },
     /// A column that is not the difference of two others.
     #[error(
         "measured minus nominal is {difference:.3} mm, the error column says {stated:.3} mm; are the columns in order?"

@@ -485,3 +485,17 @@ fn a_reversal_is_exported_by_direction_and_other_dynamic_terms_are_named() {
         fails(65, &["export", &nothing, "--axis", "x", "--format", "isg-lis", "--out", &s.path("no.lis")]);
     assert!(said.contains("no positioning error over the position of axis X"), "{said}");
 }
+
+#[test]
+fn a_row_with_more_fields_than_the_header_is_refused() {
+    let s = Scratch::new();
+    let table = s.write("t.csv", "Soll [mm],Abw [um]\n100,5,2,5\n");
+    let columns = "target=Soll [mm]:mm,deviation=Abw [um]:um";
+    let said = fails(65, &["import", &table, "--columns", columns, "--out", &s.path("no.csv")]);
+    assert!(
+        said.contains("t.csv:2:1: 4 fields, the header has 2 columns; is there a decimal comma?"),
+        "{said}"
+    );
+    let table = s.write("e.csv", "Soll [mm],Abw [um]\n100,5,\n200,6,\n300,7,\n");
+    ok(&["import", &table, "--columns", columns, "--out", &s.path("e.out.csv")]);
+}

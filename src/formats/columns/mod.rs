@@ -27,6 +27,8 @@ pub struct Columns<R> {
     delimiter: Delimiter,
     /// By output: index of its column.
     indices: Vec<usize>,
+    /// Columns of the header, or of the first row where there is none.
+    width: usize,
     /// By output: the first time stamp, from which the others count.
     origins: Vec<Option<i128>>,
     /// A table without a header: its first row was read to find the delimiter.
@@ -63,6 +65,7 @@ impl<R: BufRead> Columns<R> {
             lines,
             delimiter: Delimiter::Blanks,
             indices: Vec::new(),
+            width: 0,
             origins,
             pending: false,
             values: Vec::new(),
@@ -105,12 +108,17 @@ impl<R: BufRead> Columns<R> {
         if !std::mem::take(&mut self.pending) && !self.next_line()? {
             return Ok(false);
         }
-        let (map, indices, origins, delimiter) =
-            (&self.map, &self.indices, &mut self.origins, self.delimiter);
+        let (map, indices, origins, delimiter, width) =
+            (&self.map, &self.indices, &mut self.origins, self.delimiter, self.width);
         let values = &mut self.values;
         values.clear();
         self.lines.with_line(|line| {
             let fields = split(line, delimiter);
+            // many writers end every row with a delimiter
+            if fields.iter().skip(width).any(|field| !field.text.is_empty()) {
+                let found = fields.len();
+                return Err(line.fail(FormatErrorKind::Surplus { columns: width, found }));
+            }
             for (i, (index, (_, source))) in indices.iter().zip(&map.columns).enumerate() {
                 let Some(field) = fields.get(*index) else {
                     return Err(line.count("fields", index + 1, fields.len()));
@@ -134,7 +142,7 @@ impl<R: BufRead> Columns<R> {
 
     fn find_columns(&mut self) -> Result<(), FormatError> {
         let map = &self.map;
-        let (delimiter, indices) = self.lines.with_line(|line| {
+        let (delimiter, width, indices) = self.lines.with_line(|line| {
             let delimiter = map.delimiter.unwrap_or_else(|| guess(line.text, map.decimal_comma));
             let header = split(line, delimiter);
             let find = |source: &Source| match &source.column {
@@ -163,9 +171,10 @@ impl<R: BufRead> Columns<R> {
                     Err(line.fail(FormatErrorKind::NotRead { name: format!("column {}", short(name)), why }))
                 }
             };
-            Ok((delimiter, map.columns.iter().map(|(_, s)| find(s)).collect::<Result<Vec<_>, _>>()?))
+            let indices = map.columns.iter().map(|(_, s)| find(s)).collect::<Result<Vec<_>, _>>()?;
+            Ok((delimiter, header.len(), indices))
         })?;
-        (self.delimiter, self.indices) = (delimiter, indices);
+        (self.delimiter, self.width, self.indices) = (delimiter, width, indices);
         Ok(())
     }
 }

@@ -34,6 +34,21 @@ fn names_numbers_units_and_quotes() {
 }
 
 #[test]
+fn a_row_with_more_fields_than_the_header_is_refused() {
+    let of = map(&[("target", "t:mm"), ("deviation", "d:um")]);
+    let said = |text: &str| rows(text, of.clone()).unwrap_err().to_string();
+    assert_eq!(
+        said("t,d\n0,1\n10,2,5\n"),
+        "3:1: 3 fields, the header has 2 columns; is there a decimal comma?"
+    );
+    assert!(said("t;d\n0;1;9\n").starts_with("2:1: 3 fields"));
+    assert!(rows("t;d\n0;1;\n10;2;\n", of).is_ok());
+    let mut bare = map(&[("t_s", "#1:s"), ("x_mm", "#2:mm")]);
+    bare.header = false;
+    assert!(rows("0 1\n1 2 3\n", bare).unwrap_err().to_string().starts_with("2:1: 3 fields"));
+}
+
+#[test]
 fn time_stamps_become_seconds() {
     let of = map(&[("t_s", "Time:dmy"), ("x_mm", "X [mm]:mm")]);
     let text = "X [mm];Time\n1.5;'08.11.2022 23:59:59.953\n2;'09.11.2022 00:00:01.000\n";
