@@ -127,7 +127,12 @@ fn of_keys(format: &str, keys: &BTreeMap<String, Key>, names: Names, page: &str)
 
 /// The schema of a table with its keys.
 fn table(node: Node, name: &str, help: &Help, names: Names) -> Value {
-    let (keys, tables) = node.by_pattern(name, names);
+    let (mut keys, tables) = node.by_pattern(name, names);
+    let by_axis = BY_AXIS.iter().find(|(table, _)| *table == name);
+    if by_axis.is_some() {
+        // the axes of the sample in the key table stand for any
+        keys.retain(|key, _| !is_of_axis(key));
+    }
     let required: Vec<String> =
         keys.iter().filter(|(_, child)| child.key.required).map(|(name, _)| name.clone()).collect();
     let property = |(below, child): (String, Node)| {
@@ -141,11 +146,17 @@ fn table(node: Node, name: &str, help: &Help, names: Names) -> Value {
     let properties: Map<String, Value> = keys.into_iter().map(property).collect();
     let pattern = |(pattern, child): (&str, Node)| (pattern.to_owned(), schema(child, name, help, names));
     let mut patterns: Map<String, Value> = tables.into_iter().map(pattern).collect();
-    if let Some((_, shape)) = BY_AXIS.iter().find(|(table, _)| *table == name) {
+    if let Some((_, shape)) = by_axis {
         patterns.insert("^[xyzuvwabcs]-(mm|deg)$".to_owned(), value(shape));
     }
     json!({ "type": "object", "properties": properties, "patternProperties": patterns, "required": required,
         "additionalProperties": false })
+}
+
+/// A key named by an axis and the unit of its coordinate, such as `x-mm`.
+fn is_of_axis(key: &str) -> bool {
+    let letter = key.strip_suffix("-mm").or_else(|| key.strip_suffix("-deg"));
+    letter.is_some_and(|letter| letter.len() == 1)
 }
 
 fn schema(node: Node, name: &str, help: &Help, names: Names) -> Value {

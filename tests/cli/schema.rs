@@ -208,6 +208,29 @@ fn variants_of_thermal_displacements_are_valid() {
 }
 
 #[test]
+fn grids_over_any_axes_and_lists_of_sources_are_valid() {
+    let head = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w C' b X Y Z t]\"\n";
+    let sources = "sources = [{ source = \"a.csv\", source-hash = \"blake3:00\", instrument = \"laser\", date = \"2026-03-12\" }]\n";
+    let grid = "[errors.ezy.grid]\naxes = [\"y\", \"z\"]\ny-mm = [0, 200]\nz-mm = [-300, 0]\nvalue-um = [0, 0, -6, -1]\n";
+    let turned = "[[errors.eac.grid]]\naxes = [\"c\", \"x\"]\nc-deg = [0, 90]\nx-mm = [0, 1]\nvalue-arcsec = [0, 0, 1, 1]\n";
+    let schema = schema("model");
+    for more in [
+        format!("[provenance]\n{sources}"),
+        grid.to_owned(),
+        turned.to_owned(),
+        format!("{grid}[errors.ezy]\n{sources}"),
+        format!("[errors.ec0y]\n{sources}[errors.ec0y.constant]\nvalue-arcsec = 1\n"),
+    ] {
+        let text = format!("{head}{more}");
+        assert!(model::parse("m.toml", &text).is_ok(), "{text}");
+        let found = wrong(&schema, &of_toml(&text), "model");
+        assert!(found.is_empty(), "{text}{}", found.join("\n"));
+    }
+    let bad = format!("{head}[provenance]\n{}", sources.replace("source-hash", "hash"));
+    assert!(wrong(&schema, &of_toml(&bad), "model").join("\n").contains("unknown key hash"));
+}
+
+#[test]
 fn rows_of_a_session_are_described() {
     let schema = schema("session");
     let row = "{\"t_s\": 1.5, \"instrument\": \"laser\", \"setup\": 1, \"run\": 1, \"repeat\": 1, \"x_mm\": 10, \

@@ -119,7 +119,7 @@ pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
 pub fn known_keys() -> BTreeMap<String, Key> {
     // empty tables show what is required; written keys, the values of those that are not read without
     const EMPTY: &str = "constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}, \
-        reversal = {}, friction-peak = {}, friction = {}, velocity = {}, acceleration = {}";
+        reversal = {}, friction-peak = {}, friction = {}, velocity = {}, acceleration = {}, sources = {}";
     const WRITTEN: &str = "constant = {value-V = 1}, table = {position-P = [0], value-V = [0], reverse-V = [0], \
         interpolation = \"linear\"}, fourier = {origin-P = 0, span-P = 1, period-P = 1, mean-V = 0, linear-V = 0, \
         cos-V = [0], sin-V = [0]}, half-range = {range-P = [0, 1], mean-V = 0, linear-V = 0, sin-V = [0]}, \
@@ -134,8 +134,8 @@ pub fn known_keys() -> BTreeMap<String, Key> {
     });
     let samples = [
         format!(
-            "axes = {{x = {{}}, c = {{}}}}\n[errors]\n{empty}ec0y = {{constant = {{}}}}\nex0c = {{constant = {{}}}}\n\
-             [thermal]\ngrowth = {{input = {{}}}}\nexpansion = {{kind = \"expansion\", input = {{}}}}\n\
+            "axes = {{x = {{}}, c = {{}}}}\nprovenance = {{sources = {{}}}}\n[errors]\n{empty}\
+             ec0y = {{constant = {{}}, sources = {{}}}}\nex0c = {{constant = {{}}, sources = {{}}}}\n[thermal]\ngrowth = {{input = {{}}}}\nexpansion = {{kind = \"expansion\", input = {{}}}}\n\
              growth-by-speed = {{input = {{range-rpm = [0, 1]}}}}\n\
              expansion-by-speed = {{kind = \"expansion\", input = {{range-rpm = [0, 1]}}}}\n"
         ),
