@@ -356,7 +356,8 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     // reading and comparing takes up to seconds: not on the thread that serves everybody
     let work = spawn_blocking(move || {
         let new = Prepared::read(&sent.origin, sent.text, &config)?;
-        let size = guard::size(&old.spec, &new.spec).map_err(|e| e.to_string())?;
+        let size =
+            guard::size([&old.spec, &new.spec], [&old.thermal, &new.thermal]).map_err(|e| e.to_string())?;
         Ok::<_, String>((new, size))
     });
     let (new, size) = match work.await {
@@ -429,7 +430,10 @@ async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     }
     let limits = service.lock().config().guard.clone();
     let new = Arc::clone(&previous);
-    let size = spawn_blocking(move || guard::size(&active.spec, &new.spec).map_err(|e| e.to_string())).await;
+    let compared = move || {
+        guard::size([&active.spec, &new.spec], [&active.thermal, &new.thermal]).map_err(|e| e.to_string())
+    };
+    let size = spawn_blocking(compared).await;
     let too_different = match size {
         Ok(Ok(size)) => guard::judge(&size, &limits).err().map(|e| e.to_string()),
         Ok(Err(problem)) => Some(problem),

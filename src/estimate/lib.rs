@@ -38,5 +38,7 @@ pub use map::{Batch, Checkpoint, ComponentRules, LiveMap, MapError, MapRules, Ro
 pub use noise::{Adaptation, Kind, MeasurementNoise, NoiseError};
 pub use plausibility::{Plausibility, Said, SensorFault, SensorStatus, Supervisor, VALUES_MAX};
 pub use sensor_initialisation::{InnovationSample, NoiseAssessment, SensorInitialisation};
-pub use thermal::{Quantity, Thermal, ThermalDisplacement, ThermalError, ThermalInput, ThermalState};
+pub use thermal::{
+    Quantity, Thermal, ThermalDisplacement, ThermalError, ThermalInput, ThermalState, largest_change,
+};
 pub use whiten::whiten;

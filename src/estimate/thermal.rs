@@ -8,6 +8,9 @@
 //!
 //! Time is an argument (seconds that passed); nothing is allocated after construction.
 
+use volcomp_model::ModelSpec;
+use volcomp_model::curve::Live;
+
 /// The most inputs, and the most terms, of one thermal displacement.
 pub const TERMS_MAX: usize = 256;
 
@@ -185,6 +188,20 @@ impl Thermal {
         self.inputs.iter().map(|i| i.lags_s.len()).sum()
     }
 
+    /// Most by which two thermal displacements differ, whatever their inputs do, mm (expansions: mm/mm). Every lag counts for
+    /// itself at the ends of the ranges.
+    #[must_use]
+    pub fn largest_difference(&self, other: &Self) -> f64 {
+        let size = |[low, high]: [f64; 2]| low.abs().max(high.abs());
+        let both = size(extent(&[(1.0, self), (-1.0, other)]));
+        let ranges = |t: &Self| t.inputs.iter().map(|i| (i.sensor.clone(), i.range)).collect::<Vec<_>>();
+        if ranges(self) == ranges(other) && self.fade_share == other.fade_share {
+            return both;
+        }
+        // where only one of them fades, the other counts as a whole
+        both.max(size(extent(&[(1.0, self)]))).max(size(extent(&[(1.0, other)])))
+    }
+
     /// Checks it.
     ///
     /// # Errors
@@ -209,6 +226,59 @@ impl Thermal {
         }
         self.inputs.iter().try_for_each(|i| i.check(&self.name))
     }
+}
+
+/// Lowest and highest value of a sum of thermal displacements, each with a factor, mm or mm/mm.
+fn extent(sum: &[(f64, &Thermal)]) -> [f64; 2] {
+    let terms: Vec<(f64, &ThermalInput, f64)> = sum
+        .iter()
+        .flat_map(|(factor, t)| t.inputs.iter().map(move |i| (*factor, i)))
+        .flat_map(|(factor, i)| i.lags_s.iter().zip(&i.coefficients).map(move |(l, c)| (factor * c, i, *l)))
+        .collect();
+    // the same reading behind the same lag: these terms change together
+    let together = |a: &(f64, &ThermalInput, f64), b: &(f64, &ThermalInput, f64)| {
+        a.1.sensor == b.1.sensor && a.1.quantity == b.1.quantity && a.1.power == b.1.power && a.2 == b.2
+    };
+    let mut out = [sum.iter().map(|(factor, t)| factor * t.offset).sum(); 2];
+    for (n, first) in terms.iter().enumerate() {
+        if terms[..n].iter().any(|before| together(before, first)) {
+            continue;
+        }
+        let group: Vec<_> = terms.iter().filter(|t| together(t, first)).collect();
+        // linear between the ends of the ranges
+        let values = group.iter().flat_map(|t| t.1.range).map(|reading| -> f64 {
+            group.iter().map(|(c, i, _)| c * (i.held(reading) - i.shaped(i.reference))).sum()
+        });
+        let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
+        out = [out[0] + low, out[1] + high];
+    }
+    out
+}
+
+/// Most by which live values of two models differ because their thermal displacements do, mm. A strain counts over the distance
+/// from its reference to the far end of the axis; no value counts beyond its limits.
+#[must_use]
+pub fn largest_change(specs: [&ModelSpec; 2], thermals: [&[Thermal]; 2]) -> f64 {
+    let named = |k: usize, name: &str| thermals[k].iter().find(|t| t.name == name);
+    let mut sum = 0.0;
+    for (symbol, function) in &specs[0].errors {
+        let Some(other) = specs[1].error(*symbol) else { continue };
+        for live in &function.live {
+            let same = |o: &&Live| o.sensor == live.sensor && o.reference == live.reference;
+            let Some(twin) = other.live.iter().find(same) else { continue };
+            let limit = live.limit.abs() + twin.limit.abs();
+            let ends = specs.iter().filter_map(|s| s.domain(symbol.axis())).flatten();
+            // the carriage of a mirrored axis is at -q
+            let far = |at: f64| ends.flat_map(|q| [q, -q]).fold(0.0, |far: f64, q| far.max((q - at).abs()));
+            sum += match (named(0, &live.sensor), named(1, &live.sensor)) {
+                (None, None) => 0.0,
+                (Some(a), Some(b)) if a == b => 0.0,
+                (Some(a), Some(b)) => (a.largest_difference(b) * live.reference.map_or(1.0, far)).min(limit),
+                _ => limit,
+            };
+        }
+    }
+    sum
 }
 
 /// A thermal displacement at a moment.
@@ -328,6 +398,41 @@ impl ThermalState {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_largest_difference_is_that_at_the_ends_of_the_ranges() {
+        let thermal = |coefficient: f64, range: [f64; 2], reference: f64| Thermal {
+            inputs: vec![ThermalInput {
+                range,
+                reference,
+                lags_s: vec![0.0],
+                coefficients: vec![coefficient],
+                ..spindle().inputs[0].clone()
+            }],
+            ..spindle()
+        };
+        let base = thermal(0.003, [15.0, 40.0], 20.0);
+        for (other, expected) in [
+            (base.clone(), 0.0),
+            // 27 um/K over 20 K
+            (thermal(0.03, [15.0, 40.0], 20.0), 0.54),
+            (thermal(0.003, [15.0, 40.0], 5.0), 0.045),
+            // beyond 30 degC one of them fades, the other reaches 75 um
+            (thermal(0.003, [15.0, 30.0], 5.0), 0.075),
+        ] {
+            let found = base.largest_difference(&other);
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+            assert_eq!(found, other.largest_difference(&base));
+        }
+        let lagged = Thermal {
+            inputs: vec![ThermalInput { lags_s: vec![600.0], ..base.inputs[0].clone() }],
+            ..base.clone()
+        };
+        assert!(
+            (base.largest_difference(&lagged) - 0.075).abs() < 1e-12,
+            "one may be cold while the other is warm"
+        );
+    }
 
     fn spindle() -> Thermal {
         let input = ThermalInput {

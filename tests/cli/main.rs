@@ -6,6 +6,7 @@ mod config_files;
 mod config_messages;
 mod conventions;
 mod correct_cli;
+mod diff_cli;
 mod evaluate_cli;
 mod fit_cli;
 mod identify_cases;

@@ -7,6 +7,7 @@ mod text_report;
 
 use super::progress::Progress;
 use crate::prelude::*;
+use volcomp_estimate::largest_change;
 use volcomp_model::compare::{Comparison, compare};
 
 /// Exit code where the models differ.
@@ -16,7 +17,7 @@ const DIFFERENT: u8 = 1;
 ///
 /// Differences are second minus first. Exit code: 0 where both say the same (provenance and comments may differ), 1
 /// where they do not, 64 and above where they could not be compared. With a tolerance, 0 where position and direction
-/// differ nowhere in the working volume by more.
+/// differ nowhere in the working volume by more; terms that follow motion, sensors or temperatures count by their limits.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// The first model file
@@ -47,6 +48,22 @@ struct Diff {
     names: [String; 2],
     files: [ModelFile; 2],
     found: Comparison,
+    /// Most by which thermal displacements differ, mm.
+    thermal: f64,
+}
+
+impl Diff {
+    /// True where both say the same.
+    fn is_same(&self) -> bool {
+        self.found.is_same() && self.thermal_names().is_empty()
+    }
+
+    /// Thermal displacements that differ, by name.
+    fn thermal_names(&self) -> BTreeSet<&str> {
+        let [a, b] = self.files.each_ref().map(|f| &f.thermal);
+        let all = a.iter().filter(|t| !b.contains(t)).chain(b.iter().filter(|t| !a.contains(t)));
+        all.map(|t| &*t.name).collect()
+    }
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -56,14 +73,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
         .map_err(|e| failure!(super::EX_CONFIG, "{e}"))?;
     steps.finish();
     let names = [&args.first, &args.second].map(|p| p.display().to_string());
-    let diff = Diff { names, files, found };
+    let thermal = largest_change(files.each_ref().map(|f| &f.spec), files.each_ref().map(|f| &f.thermal[..]));
+    let diff = Diff { names, files, found, thermal };
     if let Some(path) = &args.svg {
         write_text(path, &picture::curves(&diff)?)?;
     }
     if let Some(path) = &args.report {
         write_text(path, &page(&diff)?)?;
     }
-    let same = args.is_same(&diff.found);
+    let same = args.is_same(&diff);
     if args.json {
         let mut json = text_report::as_json(&diff);
         json["same"] = same.into();
@@ -75,14 +93,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 impl Args {
-    fn is_same(&self, found: &Comparison) -> bool {
+    fn is_same(&self, diff: &Diff) -> bool {
+        let found = &diff.found;
         if self.tolerance_um.is_none() && self.tolerance_arcsec.is_none() {
-            return found.is_same();
+            return diff.is_same();
         }
         let Some(volume) = &found.volume else { return false };
+        let [shift, turn] = found.unsearched;
         let within = |tolerance: Option<f64>, value: f64| tolerance.is_none_or(|t| value <= t);
-        within(self.tolerance_um.map(mm_from_um), volume.position.position.norm())
-            && within(self.tolerance_arcsec.map(rad_from_arcsec), volume.rotation.rotation.norm())
+        within(self.tolerance_um.map(mm_from_um), volume.position.position.norm() + shift + diff.thermal)
+            && within(self.tolerance_arcsec.map(rad_from_arcsec), volume.rotation.rotation.norm() + turn)
     }
 }
 

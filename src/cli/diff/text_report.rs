@@ -10,7 +10,7 @@ use volcomp_model::spec::{ReferenceBody, ReferencePoint};
 pub(super) fn lines(diff: &Diff) -> Vec<String> {
     let [a, b] = &diff.names;
     let mut out = vec![format!("{a} -> {b}")];
-    if diff.found.is_same() {
+    if diff.is_same() {
         out.push("the same model".to_owned());
     }
     let mut section = |title: &str, lines: Vec<String>| {
@@ -21,7 +21,7 @@ pub(super) fn lines(diff: &Diff) -> Vec<String> {
     };
     section("chain, frame and axes", changes(diff));
     section("errors, second minus first", errors(diff).lines());
-    if !diff.found.is_same() {
+    if !diff.is_same() {
         section("in the working volume, second minus first", volume(diff));
     }
     section("provenance", provenance(diff));
@@ -30,7 +30,11 @@ pub(super) fn lines(diff: &Diff) -> Vec<String> {
 
 /// Chain, frame and axes.
 pub(super) fn changes(diff: &Diff) -> Vec<String> {
-    diff.found.changes.iter().map(change_words).collect()
+    let thermal = diff.thermal_names().into_iter().map(|name| {
+        let [a, b] = diff.files.each_ref().map(|f| f.thermal.iter().any(|t| t.name == name));
+        format!("thermal displacement {name}: {}", stated_in([a, b]))
+    });
+    diff.found.changes.iter().map(change_words).chain(thermal).collect()
 }
 
 fn change_words(change: &Change) -> String {
@@ -80,6 +84,10 @@ fn change_words(change: &Change) -> String {
             });
             of(format!("reference point of {axis} for {}", component.letter()), words)
         }
+        Change::CorrectionLimit { axis, values } => {
+            let words = values.map(|v| format!("{} arcsec", rounded(arcsec_from_rad(v))));
+            of(format!("correction limit of {axis}"), words)
+        }
     }
 }
 
@@ -89,8 +97,8 @@ pub(super) fn errors(diff: &Diff) -> Table {
     Table::new(heads).rows(diff.found.errors.iter().map(error_row))
 }
 
-const fn what(e: &ErrorDifference) -> &'static str {
-    match e.stated {
+const fn stated_in(stated: [bool; 2]) -> &'static str {
+    match stated {
         [false, true] => "only in second",
         [true, false] => "only in first",
         _ => "changed",
@@ -111,8 +119,14 @@ fn error_row(e: &ErrorDifference) -> [String; 6] {
         let [a, b] = e.std.map(|s| s.map_or_else(|| "none".to_owned(), word));
         place = format!("{place}  u (k=1) {a} -> {b}").trim_start().to_owned();
     }
+    if e.unsearched > 0.0 {
+        let most = error_out(e.symbol, e.unsearched);
+        place = format!("{place}  terms of motion or sensors: up to {most:.3} {} more", error_unit(e.symbol));
+        place = place.trim_start().to_owned();
+    }
     let [largest, rms] = [e.largest, e.rms].map(|v| error_out(e.symbol, v));
-    let (symbol, what, unit) = (e.symbol.to_string(), what(e).to_owned(), error_unit(e.symbol).to_owned());
+    let (symbol, what, unit) =
+        (e.symbol.to_string(), stated_in(e.stated).to_owned(), error_unit(e.symbol).to_owned());
     [symbol, what, signed(largest, 3), format!("{rms:.3}"), unit, place]
 }
 
@@ -137,6 +151,14 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
         b.map_or(String::new(), |b| format!("; nowhere above {:.2} {unit}", f(b)))
     };
     let located = |d: &Difference, v: &Vec3| format!("at {}: {}", pose_words(chain, &d.pose), vector(v));
+    let [shift, turn] = diff.found.unsearched;
+    let shift = shift + diff.thermal;
+    if shift > 0.0 || turn > 0.0 {
+        let (shift, turn) = (um_from_mm(shift), arcsec_from_rad(turn));
+        out.push(format!(
+            "without terms of motion, sensors and temperature that differ: they may add {shift:.2} um, {turn:.2} arcsec"
+        ));
+    }
     let (e, t) = (v.position.position.map(um_from_mm), v.rotation.rotation.map(arcsec_from_rad));
     let (largest, at, rms) = (e.norm(), located(&v.position, &e), um_from_mm(v.rms_position));
     let beyond = bound(v.bound_position, um_from_mm, "um");
@@ -201,29 +223,39 @@ fn describe(out: &mut Vec<String>, whose: &str, a: &Provenance, b: &Provenance) 
 /// Everything for programs.
 pub(super) fn as_json(diff: &Diff) -> Value {
     let errors: Vec<Value> = diff.found.errors.iter().map(error_json).collect();
-    json!({
+    let mut json = json!({
         "first": diff.names[0],
         "second": diff.names[1],
         "changes": changes(diff),
         "errors": errors,
         "volume": diff.found.volume.as_ref().map(|v| volume_json(diff, v)),
         "provenance": provenance(diff),
-    })
+    });
+    let [shift, turn] = diff.found.unsearched;
+    if shift + diff.thermal > 0.0 {
+        json["unsearched_um"] = rounded(um_from_mm(shift + diff.thermal)).into();
+        json["unsearched_arcsec"] = rounded(arcsec_from_rad(turn)).into();
+    }
+    json
 }
 
 fn error_json(e: &ErrorDifference) -> Value {
     let (axis, unit, place) = (e.symbol.axis(), error_unit(e.symbol), position_unit(e.symbol.axis()));
     let out = |v: f64| rounded(error_out(e.symbol, v));
-    json!({
+    let mut json = json!({
         "symbol": key(e.symbol),
-        "what": what(e),
+        "what": stated_in(e.stated),
         format!("largest_{unit}"): out(e.largest),
         format!("rms_{unit}"): out(e.rms),
         format!("at_{place}"): e.over.map(|_| position_out(axis, e.at)),
         "direction": if e.travel == Travel::Reverse { -1 } else { 1 },
         format!("over_{place}"): e.over.map(|o| o.map(|q| position_out(axis, q))),
         format!("std_{unit}"): e.std.map(|s| s.map(out)),
-    })
+    });
+    if e.unsearched > 0.0 {
+        json[format!("unsearched_{unit}")] = out(e.unsearched).into();
+    }
+    json
 }
 
 fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {

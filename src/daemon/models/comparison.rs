@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Prepared, guard};
 use crate::socket::ModelChange;
 use volcomp_config::GuardConfig;
+use volcomp_estimate::largest_change;
 use volcomp_model::compare::{Change, Comparison, ErrorDifference, compare, relative_values};
 use volcomp_units::axes::Travel;
 use volcomp_units::{arcsec_from_rad, um_from_mm};
@@ -74,7 +75,8 @@ impl ModelComparison {
     /// One of the models breaks a rule, in words.
     pub(crate) fn of(old: &Prepared, new: &Prepared, guard: &GuardConfig) -> Result<Self, String> {
         let found = compare(&old.spec, &new.spec, |_, _| {}).map_err(|e| e.to_string())?;
-        let size = guard::size_of(&found, &new.spec);
+        let thermal = largest_change([&old.spec, &new.spec], [&old.thermal, &new.thermal]);
+        let size = guard::size_of(&found, thermal);
         Ok(Self {
             origin: new.origin.clone(),
             change: ModelChange::new(old, new, &size),
@@ -100,6 +102,7 @@ fn changes(found: &Comparison) -> Vec<String> {
         Change::AxisPoint { axis, .. } => format!("point on the axis {axis}"),
         Change::Sense { axis, .. } => format!("sense of {axis}"),
         Change::Reference { axis, .. } => format!("reference point of {axis}"),
+        Change::CorrectionLimit { axis, .. } => format!("correction limit of {axis}"),
     };
     found.changes.iter().map(words).collect()
 }

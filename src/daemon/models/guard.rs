@@ -6,6 +6,7 @@ use volcomp_state::utc;
 
 use volcomp_config::{GuardConfig, Policy};
 use volcomp_engine::fault::Code;
+use volcomp_estimate::{Thermal, largest_change};
 use volcomp_model::compare::{Change, Comparison, compare};
 use volcomp_model::{ModelError, ModelSpec};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
@@ -64,18 +65,20 @@ pub enum TooDifferent {
     },
 }
 
-/// Compares two models; takes up to seconds.
+/// Compares two models and their thermal displacements, old and new; takes up to seconds.
 ///
 /// # Errors
 /// One of them breaks a rule.
-pub fn size(old: &ModelSpec, new: &ModelSpec) -> Result<Size, ModelError> {
-    Ok(size_of(&compare(old, new, |_, _| {})?, new))
+pub fn size(specs: [&ModelSpec; 2], thermals: [&[Thermal]; 2]) -> Result<Size, ModelError> {
+    let found = compare(specs[0], specs[1], |_, _| {})?;
+    Ok(size_of(&found, largest_change(specs, thermals)))
 }
 
-/// By how much two models differ that have been compared; `new` is the second one.
+/// By how much two models differ that have been compared; `thermal` is what their thermal displacements may differ by, mm.
 #[must_use]
-pub fn size_of(found: &Comparison, new: &ModelSpec) -> Size {
-    let geometry = found.changes.iter().any(|change| !matches!(change, Change::Travel { .. }));
+pub fn size_of(found: &Comparison, thermal: f64) -> Size {
+    let harmless = |c: &Change| matches!(c, Change::Travel { .. } | Change::CorrectionLimit { .. });
+    let geometry = !found.changes.iter().all(harmless);
     match &found.volume {
         None => Size {
             largest_um: f64::INFINITY,
@@ -85,10 +88,9 @@ pub fn size_of(found: &Comparison, new: &ModelSpec) -> Size {
             other_axes: true,
         },
         Some(volume) => {
-            // terms that follow speed and acceleration count with all that they may add
-            let [length, angle] = found.transients;
-            let lever: f64 = volume.ranges.iter().map(|[low, high]| high - low).sum();
-            let shift = length + angle * (lever + new.tool_tip.norm());
+            // terms that follow motion, sensors and temperatures count with all that they may add
+            let [shift, angle] = found.unsearched;
+            let shift = shift + thermal;
             Size {
                 largest_um: um_from_mm(volume.position.position.norm() + shift),
                 largest_arcsec: arcsec_from_rad(volume.rotation.rotation.norm() + angle),
@@ -225,22 +227,50 @@ mod tests {
         volcomp_config::model::parse("model.toml", &text).expect("valid")
     }
 
+    fn change(old: &ModelSpec, new: &ModelSpec) -> Size {
+        size([old, new], [&[], &[]]).expect("valid")
+    }
+
+    #[test]
+    fn live_values_and_thermal_displacements_count_by_what_they_may_add() {
+        let file = |limit_um: f64, growth: f64| {
+            let text = format!(
+                "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Z t]\"\n[axes.z]\ntravel-mm = [-300, 0]\n\
+                 [errors.ezz.live]\nsensor = \"g\"\nlimit-um = {limit_um}\n\
+                 [thermal.g]\n[[thermal.g.input]]\nsensor = \"t\"\nrange-degc = [15, 40]\ngrowth-um-per-k = [{growth}]\n"
+            );
+            volcomp_config::model::parse_file("model.toml", &text).expect("valid")
+        };
+        let base = file(80.0, 3.0);
+        for (new, expected) in [
+            (file(80.0, 3.0), 0.0),
+            (file(80.0, 4.0), 20.0),
+            (file(10.0, 3.0), 70.0),
+            // 27 um/K over 20 K, but no more than both limits
+            (file(80.0, 30.0), 160.0),
+        ] {
+            let found = size([&base.spec, &new.spec], [&base.thermal, &new.thermal]).expect("valid");
+            assert!((found.largest_um - expected).abs() < 1e-9, "{found:?} instead of {expected}");
+            assert_eq!(judge(&found, &guard()).is_ok(), expected <= 50.0);
+        }
+    }
+
     #[test]
     fn a_model_without_travel_is_judged_over_the_range_of_its_data() {
         let without = |scale_um| {
             let spec = spec(scale_um);
             ModelSpec { axes: Vec::new(), ..spec }
         };
-        let found = size(&without(10.0), &without(75.0)).expect("valid");
+        let found = change(&without(10.0), &without(75.0));
         assert!(judge(&found, &guard()).is_err(), "{found:?}");
     }
 
     #[test]
     fn small_changes_pass_large_ones_are_told_with_their_size() {
-        let found = size(&spec(10.0), &spec(40.0)).expect("valid");
+        let found = change(&spec(10.0), &spec(40.0));
         assert!((found.largest_um - 30.0).abs() < 1e-6, "{found:?}");
         assert_eq!(judge(&found, &guard()), Ok(()));
-        let found = size(&spec(10.0), &spec(75.0)).expect("valid");
+        let found = change(&spec(10.0), &spec(75.0));
         let error = judge(&found, &guard()).expect_err("65 um");
         assert!(
             matches!(error, TooDifferent::Far { found, limit: 50.0, .. } if (found - 65.0).abs() < 1e-6),
@@ -250,7 +280,7 @@ mod tests {
         assert!(matches!(judge(&unsure, &guard()), Err(TooDifferent::PerhapsFar { .. })));
         assert_eq!(
             judge(
-                &size(&spec(10.0), &spec(10.0)).expect("valid"),
+                &change(&spec(10.0), &spec(10.0)),
                 &GuardConfig { change_limit: 0.0, change_limit_angle: 0.0, ..guard() }
             ),
             Ok(())
@@ -262,7 +292,7 @@ mod tests {
         let mut other = spec(10.0);
         other.chain = volcomp_model::Chain::parse("[w X' b Y t]").expect("a chain");
         other.axes.retain(|a| a.name != volcomp_units::axes::AxisName::Z);
-        let found = size(&spec(10.0), &other).expect("valid");
+        let found = change(&spec(10.0), &other);
         assert_eq!(judge(&found, &guard()), Err(TooDifferent::OtherAxes));
     }
 

@@ -192,9 +192,10 @@ impl Models {
             self.choice = chosen;
             return;
         }
-        let judged = guard::size(&was_active.spec, &self.active.spec)
-            .map_err(|e| e.to_string())
-            .and_then(|size| guard::judge(&size, &config.guard).map_err(|e| e.to_string()));
+        let judged =
+            guard::size([&was_active.spec, &self.active.spec], [&was_active.thermal, &self.active.thermal])
+                .map_err(|e| e.to_string())
+                .and_then(|size| guard::judge(&size, &config.guard).map_err(|e| e.to_string()));
         match judged {
             Ok(()) => self.previous = Some(was_active),
             Err(why) => {

@@ -63,6 +63,7 @@ pub(super) fn bounds(pair: &Pair<'_>, volume: &Volume) -> Option<[f64; 2]> {
                 | Change::Sense { .. }
                 | Change::GaugePoint(_)
                 | Change::Vertical(_)
+                | Change::CorrectionLimit { .. }
         )
     };
     if !changes(pair.specs).iter().all(harmless) {

@@ -1,6 +1,7 @@
 //! Error by error: what each curve says in one model and in the other.
 
 use super::Pair;
+use crate::curve::Live;
 use crate::kinematics::PointFlags;
 use crate::prelude::*;
 
@@ -32,6 +33,8 @@ pub struct ErrorDifference {
     pub rms: f64,
     /// Programmed coordinates that were compared; `None` for a constant.
     pub over: Option<[f64; 2]>,
+    /// Most that transient and live terms that differ may add, mm or rad; `largest` is without them.
+    pub unsearched: f64,
     /// Standard uncertainties stated.
     pub std: [Option<f64>; 2],
 }
@@ -77,6 +80,7 @@ fn difference(pair: &Pair<'_>, symbol: ErrorSymbol) -> Option<ErrorDifference> {
         travel: Travel::Forward,
         rms: 0.0,
         over: None,
+        unsearched: unsearched(functions),
         std,
     };
     if symbol.is_constant() {
@@ -100,6 +104,27 @@ fn difference(pair: &Pair<'_>, symbol: ErrorSymbol) -> Option<ErrorDifference> {
     let moved = out.largest.abs() > zero;
     let signals = functions.map(|f| f.map(|f| (&f.live, &f.dynamics)));
     (moved || stated[0] != stated[1] || std[0] != std[1] || signals[0] != signals[1]).then_some(out)
+}
+
+/// Most by which transient and live terms may differ, mm or rad: by their limits.
+fn unsearched(functions: [Option<&ErrorFunction>; 2]) -> f64 {
+    let transients = functions.map(|f| {
+        let all = f.map_or(&[][..], |f| &f.dynamics).iter();
+        all.filter(|d| d.law.is_transient()).collect::<Vec<_>>()
+    });
+    let only = |some: &[&DynamicTerm], others: &[&DynamicTerm]| -> f64 {
+        some.iter().filter(|t| !others.contains(t)).map(|t| t.limit).sum()
+    };
+    let [a, b] = functions.map(|f| f.map_or(&[][..], |f| &f.live));
+    let twin = |live: &Live, others: &[Live]| {
+        let same = |o: &&Live| o.sensor == live.sensor && o.reference == live.reference;
+        others.iter().find(same).map(|o| o.limit.abs())
+    };
+    // the same reading kept within other limits differs by no more than the limits do
+    let changed: f64 =
+        a.iter().map(|l| twin(l, b).map_or(l.limit.abs(), |limit| (limit - l.limit.abs()).abs())).sum();
+    let added: f64 = b.iter().filter(|l| twin(l, a).is_none()).map(|l| l.limit.abs()).sum();
+    only(&transients[0], &transients[1]) + only(&transients[1], &transients[0]) + changed + added
 }
 
 fn same_sense(pair: &Pair<'_>, axis: AxisName) -> bool {

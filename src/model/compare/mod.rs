@@ -28,8 +28,9 @@ pub struct Comparison {
     pub errors: Vec<ErrorDifference>,
     /// The difference in the working volume; `None` where the chains have different axes.
     pub volume: Option<VolumeDifference>,
-    /// What the transient terms that only one of them has may add, mm and rad: the sum of their limits.
-    pub transients: [f64; 2],
+    /// What transient and live terms that differ may add to position, mm, and rotation, rad: the search of the volume sees
+    /// none of them. By their limits; angles over the size of the volume.
+    pub unsearched: [f64; 2],
 }
 
 /// Something that changed beside the errors: before, after.
@@ -44,10 +45,28 @@ pub enum Change {
     Vertical([Option<AxisName>; 2]),
     Tool([ToolErrors; 2]),
     Datum([Vec<(AxisName, f64)>; 2]),
-    Travel { axis: AxisName, values: [Option<[f64; 2]>; 2] },
-    AxisPoint { axis: AxisName, values: [Vec3; 2] },
-    Sense { axis: AxisName, values: [Sense; 2] },
-    Reference { axis: AxisName, component: Component, values: [ReferencePoint; 2] },
+    Travel {
+        axis: AxisName,
+        values: [Option<[f64; 2]>; 2],
+    },
+    AxisPoint {
+        axis: AxisName,
+        values: [Vec3; 2],
+    },
+    Sense {
+        axis: AxisName,
+        values: [Sense; 2],
+    },
+    Reference {
+        axis: AxisName,
+        component: Component,
+        values: [ReferencePoint; 2],
+    },
+    /// Largest correction of a rotary axis, rad.
+    CorrectionLimit {
+        axis: AxisName,
+        values: [f64; 2],
+    },
 }
 
 impl Comparison {
@@ -70,33 +89,15 @@ pub fn compare(
     let models = [Model::new(first)?, Model::new(second)?];
     let specs = [first, second];
     let pair = Pair::new(specs, &models);
-    Ok(Comparison {
-        changes: changes(specs),
-        errors: curves::differences(&pair),
-        transients: transients(specs),
-        volume: pair.same_axes().then(|| volume::difference(&pair, progress)),
-    })
-}
-
-/// The limits of the transient terms that only one of two models has, lengths and angles.
-fn transients([a, b]: [&ModelSpec; 2]) -> [f64; 2] {
-    let terms = |spec: &ModelSpec| -> Vec<(ErrorSymbol, DynamicTerm)> {
-        let of = |(symbol, f): &(ErrorSymbol, ErrorFunction)| {
-            f.dynamics.iter().map(|d| (*symbol, *d)).collect::<Vec<_>>()
-        };
-        spec.errors.iter().flat_map(of).filter(|(_, d)| d.law.is_transient()).collect()
+    let errors = curves::differences(&pair);
+    let volume = pair.same_axes().then(|| volume::difference(&pair, progress));
+    let sum = |angle: bool| -> f64 {
+        errors.iter().filter(|e| e.symbol.is_angle() == angle).map(|e| e.unsearched).sum()
     };
-    let (first, second) = (terms(a), terms(b));
-    let mut sum = [0.0; 2];
-    let only =
-        |some: &[(ErrorSymbol, DynamicTerm)], others: &[(ErrorSymbol, DynamicTerm)], sum: &mut [f64; 2]| {
-            for (symbol, term) in some.iter().filter(|t| !others.contains(t)) {
-                sum[usize::from(symbol.is_angle())] += term.limit;
-            }
-        };
-    only(&first, &second, &mut sum);
-    only(&second, &first, &mut sum);
-    sum
+    let [length, angle] = [sum(false), sum(true)];
+    let size: f64 = volume.iter().flat_map(|v| &v.ranges).map(|[low, high]| high - low).sum();
+    let unsearched = [length + angle * (size + second.tool_tip.norm()), angle];
+    Ok(Comparison { changes: changes(specs), errors, unsearched, volume })
 }
 
 /// Two models, and which axis of the one is which of the other.
@@ -148,6 +149,10 @@ fn changes([a, b]: [&ModelSpec; 2]) -> Vec<Change> {
         out.extend(changed(&x.travel, &y.travel).map(|values| Change::Travel { axis, values }));
         out.extend(changed(&x.point, &y.point).map(|values| Change::AxisPoint { axis, values }));
         out.extend(changed(&x.sense, &y.sense).map(|values| Change::Sense { axis, values }));
+        out.extend(
+            changed(&x.correction_limit, &y.correction_limit)
+                .map(|values| Change::CorrectionLimit { axis, values }),
+        );
         for ((component, x), y) in
             Component::ALL.into_iter().zip(&x.reference_points).zip(&y.reference_points)
         {

@@ -179,6 +179,51 @@ fn without_travel_the_range_of_a_grid_is_compared() {
     assert!((volume.position.position.norm() - 0.03).abs() < 1e-12, "{volume:?}");
 }
 
+#[test]
+fn terms_that_the_search_does_not_see_count_by_their_limits() {
+    let base = spec("[w b X Y Z C (S) t]");
+    let live = |sensor: &str, limit: f64| {
+        let live = vec![crate::curve::Live { sensor: sensor.to_owned(), limit, reference: None }];
+        ErrorFunction { live, ..ErrorFunction::default() }
+    };
+    let velocity = |gain: f64, limit: f64| {
+        let law = crate::Law::Velocity;
+        let dynamics = vec![crate::DynamicTerm { law, gain, growth: 0.0, limit }];
+        ErrorFunction { dynamics, ..ErrorFunction::default() }
+    };
+    for (symbol, a, b, expected) in [
+        ("exx", live("a", 0.08), live("a", 0.08), None),
+        ("exx", live("a", 0.08), live("a", 0.008), Some(0.072)),
+        ("exx", live("a", 0.08), live("b", 0.08), Some(0.16)),
+        ("exx", ErrorFunction::default(), live("a", 0.08), Some(0.08)),
+        ("exx", velocity(-0.004, 0.15), velocity(-0.004, 0.15), None),
+        ("exx", velocity(-0.004, 0.15), velocity(-0.04, 0.15), Some(0.3)),
+        ("ecx", ErrorFunction::default(), velocity(1e-6, 1e-5), Some(1e-5)),
+    ] {
+        let symbol = ErrorSymbol::parse(symbol).unwrap();
+        let with = |f: &ErrorFunction| ModelSpec { errors: vec![(symbol, f.clone())], ..base.clone() };
+        let found = quiet(&with(&a), &with(&b));
+        let listed = found.errors.first().map(|e| e.unsearched);
+        assert!(
+            listed.zip(expected).is_none_or(|(a, b)| (a - b).abs() < 1e-12)
+                && listed.is_some() == expected.is_some(),
+            "{symbol} {listed:?} {expected:?}"
+        );
+        let [position, rotation] = found.unsearched;
+        let expected = expected.unwrap_or_default();
+        if symbol.is_angle() {
+            assert!(position > 1000.0 * expected && rotation == expected, "{:?}", found.unsearched);
+        } else {
+            assert!((position - expected).abs() < 1e-12 && rotation == 0.0, "{:?}", found.unsearched);
+        }
+    }
+    let mut limited = base.clone();
+    limited.axis_mut(AxisName::C).correction_limit = 15e-6;
+    let found = quiet(&base, &limited);
+    assert!(matches!(found.changes[..], [Change::CorrectionLimit { axis: AxisName::C, .. }]), "{found:?}");
+    assert_eq!(found.volume.unwrap().bound_position, Some(0.0));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(8))]
 
