@@ -1,7 +1,7 @@
 //! Text of files that do not say how they are encoded: decoding, words with their columns, lines in bounded memory.
 
 use std::borrow::Cow;
-use std::io::BufRead;
+use std::io::{BufRead, Read};
 
 use encoding_rs::{Encoding as Codec, GBK, UTF_8, WINDOWS_1250, WINDOWS_1252};
 
@@ -245,15 +245,18 @@ pub const LINE_LIMIT: usize = 1 << 20;
 pub struct Lines<R> {
     source: R,
     encoding: Option<Encoding>,
+    /// The current line; of UTF-16 with the mark before it, by which it is decoded.
     buffer: Vec<u8>,
     line: usize,
     bytes: u64,
+    /// The byte-order mark of UTF-16 with which the source begins.
+    wide: Option<[u8; 2]>,
 }
 
 impl<R: BufRead> Lines<R> {
     /// Lines in an encoding; each line is guessed for itself where it is not stated.
     pub const fn new(source: R, encoding: Option<Encoding>) -> Self {
-        Self { source, encoding, buffer: Vec::new(), line: 0, bytes: 0 }
+        Self { source, encoding, buffer: Vec::new(), line: 0, bytes: 0, wide: None }
     }
 
     /// Bytes read so far.
@@ -267,11 +270,22 @@ impl<R: BufRead> Lines<R> {
     /// The source fails, or a line without end.
     pub fn advance(&mut self) -> Result<bool, ReadError> {
         self.buffer.clear();
-        let limit = LINE_LIMIT as u64 + 1;
-        let read = std::io::Read::take(&mut self.source, limit).read_until(b'\n', &mut self.buffer)?;
+        if self.line == 0 && self.encoding.is_none_or(|e| e == Encoding::Utf16) {
+            self.wide = match self.source.fill_buf()? {
+                [a @ (0xff | 0xfe), b @ (0xff | 0xfe), ..] if a != b => Some([*a, *b]),
+                _ => None,
+            };
+            let mark = self.wide.map_or(0, |m| m.len());
+            self.source.consume(mark);
+            self.bytes += mark as u64;
+        }
+        let read = match self.wide {
+            Some(mark) => self.read_wide(mark)?,
+            None => self.read_until_newline()?,
+        };
         self.bytes += read as u64;
         self.line += 1;
-        if read > LINE_LIMIT {
+        if self.buffer.len() > LINE_LIMIT {
             return Err(
                 FormatError::at(self.line, 1, FormatErrorKind::LineTooLong { limit: LINE_LIMIT }).into()
             );
@@ -280,6 +294,28 @@ impl<R: BufRead> Lines<R> {
             self.buffer.drain(..MARK.len());
         }
         Ok(read > 0)
+    }
+
+    /// Appends what comes up to the next byte of a newline; number of bytes read.
+    fn read_until_newline(&mut self) -> std::io::Result<usize> {
+        let limit = (LINE_LIMIT + 1).saturating_sub(self.buffer.len()) as u64;
+        Read::take(&mut self.source, limit).read_until(b'\n', &mut self.buffer)
+    }
+
+    /// A line of UTF-16 behind its mark; number of bytes read.
+    fn read_wide(&mut self, mark: [u8; 2]) -> std::io::Result<usize> {
+        let newline = if mark[0] == 0xff { [b'\n', 0] } else { [0, b'\n'] };
+        self.buffer.extend(mark);
+        while self.read_until_newline()? > 0 {
+            // the byte found may be one half of another character
+            if !self.buffer.len().is_multiple_of(2) {
+                Read::take(&mut self.source, 1).read_to_end(&mut self.buffer)?;
+            }
+            if self.buffer.ends_with(&newline) {
+                break;
+            }
+        }
+        Ok(self.buffer.len() - mark.len())
     }
 
     /// The current line without blanks around it, handed to `body`.
@@ -383,6 +419,28 @@ mod tests {
             found.push(lines.with_line(|w| Ok(w.text.to_owned())).unwrap());
         }
         assert_eq!((found, lines.bytes()), (vec!["a".to_owned(), "b".to_owned()], 7));
+    }
+
+    #[test]
+    fn lines_of_utf16_are_read_in_either_order_of_bytes() {
+        // U+0A0A and U+0D0A hold the bytes of a newline and end no line
+        let text = "Soll;\u{0a0a}\u{0d0a}\r\n1;2\n\nend";
+        let little = Encoding::Utf16.encode(text).unwrap();
+        let big: Vec<u8> = little.chunks_exact(2).flat_map(|p| [p[1], p[0]]).collect();
+        for bytes in [little, big] {
+            for encoding in [None, Some(Encoding::Utf16)] {
+                let mut lines = Lines::new(&bytes[..], encoding);
+                let mut found = Vec::new();
+                while lines.advance().unwrap() {
+                    found.push(lines.with_line(|w| Ok((w.column, w.text.to_owned()))).unwrap());
+                }
+                let texts: Vec<&str> = found.iter().map(|(_, text)| text.as_str()).collect();
+                assert_eq!(texts, ["Soll;\u{0a0a}\u{0d0a}", "1;2", "", "end"]);
+                assert_eq!((found[0].0, lines.bytes()), (1, bytes.len() as u64));
+            }
+        }
+        let endless: Vec<u8> = [0xff, 0xfe].into_iter().chain(vec![b'7'; LINE_LIMIT + 2]).collect();
+        assert!(Lines::new(&endless[..], None).advance().is_err());
     }
 
     proptest! {

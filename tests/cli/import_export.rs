@@ -499,3 +499,19 @@ fn a_row_with_more_fields_than_the_header_is_refused() {
     let table = s.write("e.csv", "Soll [mm],Abw [um]\n100,5,\n200,6,\n300,7,\n");
     ok(&["import", &table, "--columns", columns, "--out", &s.path("e.out.csv")]);
 }
+
+#[test]
+fn tables_in_utf_16_are_read() {
+    let s = Scratch::new();
+    let text: Vec<u16> = "\u{feff}t;d\r\n0;1,5\r\n10;2,5\r\n20;3,5\r\n".encode_utf16().collect();
+    let little: Vec<u8> = text.iter().flat_map(|c| c.to_le_bytes()).collect();
+    let big: Vec<u8> = text.iter().flat_map(|c| c.to_be_bytes()).collect();
+    for bytes in [little, big] {
+        for encoding in [&["--encoding", "utf-16"][..], &[]] {
+            let (table, out) = (s.write("t.csv", &bytes), s.path("out.csv"));
+            let args = ["import", &table, "--decimal-comma", "--columns", "target=t:mm,deviation=d:um"];
+            ok(&[&args[..], encoding, &["--out", &out]].concat());
+            assert_eq!(s.read("out.csv").lines().nth(1), Some("1,1,0,1.5"));
+        }
+    }
+}
