@@ -14,7 +14,7 @@ use volcomp_config::ConfigErrors;
 use volcomp_state::bounded_read::in_words;
 
 use super::Result;
-use super::numerals::micro;
+use super::numerals::{micro, printable};
 
 /// Wrong usage.
 pub const EX_USAGE: u8 = 64;
@@ -118,7 +118,7 @@ pub fn line(text: fmt::Arguments<'_>) {
 
 /// Writes a line to stderr, units as a person writes them. A reader that has seen enough, or a full disk, is no failure: the exit code still tells.
 pub fn note(text: fmt::Arguments<'_>) {
-    note_text(format_args!("{}\n", micro(&text.to_string())));
+    note_text(format_args!("{}\n", printable(&micro(&text.to_string()))));
 }
 
 /// Writes text to stderr without an end of line; see [`note!`].

@@ -76,9 +76,20 @@ fn micro_line(line: &str) -> String {
     line.split(' ').map(word).joined(" ")
 }
 
+/// Text without control characters, which files may hold and a terminal would obey; line ends and tabs stay.
+pub(crate) fn printable(text: &str) -> String {
+    let shown = |c: char| if c.is_control() && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
+    text.chars().map(shown).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn control_characters_are_replaced() {
+        assert_eq!(printable("a\u{1b}[31m\0 b\n\tc"), "a\u{fffd}[31m\u{fffd} b\n\tc");
+    }
 
     #[test]
     fn one_has_no_plural_and_zero_no_sign() {

@@ -501,6 +501,13 @@ fn a_row_with_more_fields_than_the_header_is_refused() {
 }
 
 #[test]
+fn an_empty_file_is_bad_data() {
+    let s = Scratch::new();
+    let said = fails(65, &["import", &s.write("e.csv", ""), "--out", &s.path("no.csv")]);
+    assert!(said.contains("e.csv: the file is empty"), "{said}");
+}
+
+#[test]
 fn tables_in_utf_16_are_read() {
     let s = Scratch::new();
     let text: Vec<u16> = "\u{feff}t;d\r\n0;1,5\r\n10;2,5\r\n20;3,5\r\n".encode_utf16().collect();

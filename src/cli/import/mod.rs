@@ -182,6 +182,9 @@ fn detected(path: &Path) -> Result<Format> {
         return Err(Failure::usage("stdin cannot be looked at first; give its --format"));
     }
     let head = input::head(path, InputKind::Stream, detect::HEAD as u64)?;
+    if head.is_empty() {
+        return Err(Failure::data(path, "the file is empty; is it the right one?"));
+    }
     detect::format(&head).ok_or_else(|| {
         usage!(
             "{}: its beginning does not give its format away; name it with --format, or describe the table with --columns or --map",

@@ -4,7 +4,7 @@
 use std::fmt::{Display, Write as _};
 
 use super::chart::{Bar, Ink, bars};
-use crate::numerals::micro;
+use crate::numerals::{micro, printable};
 use crate::report_page::Plot;
 
 /// Light, dark and print; the classes of charts are those of [`super::chart`], and pictures with colours of their own (attributes of
@@ -272,7 +272,7 @@ fn css_text(raw: &str) -> String {
 
 /// Text of a file as text of a page.
 pub(crate) fn escape(raw: &str) -> String {
-    raw.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    printable(raw).replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
@@ -281,6 +281,7 @@ mod tests {
 
     #[test]
     fn names_from_files_cannot_become_markup() {
+        assert_eq!(escape("a\u{1b}\0"), "a\u{fffd}\u{fffd}");
         assert_eq!(escape("<b>\"A&B\"</b>"), "&lt;b&gt;&quot;A&amp;B&quot;&lt;/b&gt;");
         let mut page = Page::new("<x>");
         page.heading("<x>");
