@@ -1,6 +1,5 @@
 //! `volcomp diff`: whatever differs in content is listed, and a tolerance holds for all of it.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test writes files and starts programs")]
 
 use std::process::Command;
