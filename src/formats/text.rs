@@ -249,7 +249,7 @@ pub struct Lines<R> {
     buffer: Vec<u8>,
     line: usize,
     bytes: u64,
-    /// The byte-order mark of UTF-16 with which the source begins.
+    /// The byte-order mark of UTF-16 in which the source is, where it is.
     wide: Option<[u8; 2]>,
 }
 
@@ -271,11 +271,14 @@ impl<R: BufRead> Lines<R> {
     pub fn advance(&mut self) -> Result<bool, ReadError> {
         self.buffer.clear();
         if self.line == 0 && self.encoding.is_none_or(|e| e == Encoding::Utf16) {
-            self.wide = match self.source.fill_buf()? {
-                [a @ (0xff | 0xfe), b @ (0xff | 0xfe), ..] if a != b => Some([*a, *b]),
-                _ => None,
+            let (wide, mark) = match self.source.fill_buf()? {
+                [a @ (0xff | 0xfe), b @ (0xff | 0xfe), ..] if a != b => (Some([*a, *b]), 2),
+                // without a mark: the zero byte of a plain character
+                [1..=0xff, 0, ..] => (Some([0xff, 0xfe]), 0),
+                [0, 1..=0xff, ..] => (Some([0xfe, 0xff]), 0),
+                _ => (None, 0),
             };
-            let mark = self.wide.map_or(0, |m| m.len());
+            self.wide = wide;
             self.source.consume(mark);
             self.bytes += mark as u64;
         }
@@ -427,9 +430,9 @@ mod tests {
         let text = "Soll;\u{0a0a}\u{0d0a}\r\n1;2\n\nend";
         let little = Encoding::Utf16.encode(text).unwrap();
         let big: Vec<u8> = little.chunks_exact(2).flat_map(|p| [p[1], p[0]]).collect();
-        for bytes in [little, big] {
+        for bytes in [&little[..], &big[..], &little[2..], &big[2..]] {
             for encoding in [None, Some(Encoding::Utf16)] {
-                let mut lines = Lines::new(&bytes[..], encoding);
+                let mut lines = Lines::new(bytes, encoding);
                 let mut found = Vec::new();
                 while lines.advance().unwrap() {
                     found.push(lines.with_line(|w| Ok((w.column, w.text.to_owned()))).unwrap());
