@@ -5,7 +5,7 @@
 use std::process::Command;
 
 const HEAD: &str = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z C (S) t]\"\n\
-    [axes.x]\ntravel-mm = [0, 500]\n[axes.z]\ntravel-mm = [-300, 0]\n";
+    [axes.x]\ntravel-mm = [0, 500]\n[axes.z]\ntravel-mm = [-300, 0]\n[axes.c]\npoint-mm = [0, 0, 0]\n";
 
 #[test]
 fn terms_of_motion_sensors_and_temperature_are_differences() {
@@ -16,7 +16,7 @@ fn terms_of_motion_sensors_and_temperature_are_differences() {
         format!("{}[thermal.g]\n[[thermal.g.input]]\n{input}", live(80))
     };
     let velocity = |gain: u32| format!("[errors.exx.velocity]\ngain-um-s-per-mm = {gain}\nlimit-um = 150\n");
-    let limit = |arcsec: u32| format!("[axes.c]\ncorrection-limit-arcsec = {arcsec}\n");
+    let limit = |arcsec: u32| format!("correction-limit-arcsec = {arcsec}\n");
     for (a, b, said, within) in [
         (live(80), live(8), "up to 72.000 um more", false),
         (thermal(3, 40), thermal(30, 40), "thermal displacement g: changed", false),

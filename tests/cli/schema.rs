@@ -209,7 +209,8 @@ fn variants_of_thermal_displacements_are_valid() {
 
 #[test]
 fn grids_over_any_axes_and_lists_of_sources_are_valid() {
-    let head = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w C' b X Y Z t]\"\n";
+    let head = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w C' b X Y Z t]\"\n\
+                [axes.c]\npoint-mm = [0, 0, 0]\n";
     let sources = "sources = [{ source = \"a.csv\", source-hash = \"blake3:00\", instrument = \"laser\", date = \"2026-03-12\" }]\n";
     let grid = "[errors.ezy.grid]\naxes = [\"y\", \"z\"]\ny-mm = [0, 200]\nz-mm = [-300, 0]\nvalue-um = [0, 0, -6, -1]\n";
     let turned = "[[errors.eac.grid]]\naxes = [\"c\", \"x\"]\nc-deg = [0, 90]\nx-mm = [0, 1]\nvalue-arcsec = [0, 0, 1, 1]\n";

@@ -92,7 +92,7 @@ pub fn compare(
     let errors = curves::differences(&pair);
     let volume = pair.same_axes().then(|| volume::difference(&pair, progress));
     let sum = |angle: bool| -> f64 {
-        errors.iter().filter(|e| e.symbol.is_angle() == angle).map(|e| e.unsearched).sum()
+        errors.iter().filter(|e| e.symbol.is_angle() == angle).map(|e| e.unsearched).fold(0.0, |a, b| a + b)
     };
     let [length, angle] = [sum(false), sum(true)];
     let size: f64 = volume.iter().flat_map(|v| &v.ranges).map(|[low, high]| high - low).sum();
