@@ -144,7 +144,6 @@ impl Service {
             standing: BTreeSet::new(),
         };
         service.count_found_at_start();
-        service.count_found_at_start();
         service.recall();
         service.save();
         Ok(service)
