@@ -48,8 +48,6 @@ struct Diff {
     names: [String; 2],
     files: [ModelFile; 2],
     found: Comparison,
-    /// Most by which thermal displacements differ, mm.
-    thermal: f64,
 }
 
 impl Diff {
@@ -69,12 +67,13 @@ impl Diff {
 pub(super) fn run(args: &Args) -> Result<()> {
     let files = [read_model_file(&args.first)?, read_model_file(&args.second)?];
     let steps = Progress::of_steps();
-    let found = compare(&files[0].spec, &files[1].spec, |done, of| steps.show(done, of))
+    let mut found = compare(&files[0].spec, &files[1].spec, |done, of| steps.show(done, of))
         .map_err(|e| failure!(super::EX_CONFIG, "{e}"))?;
     steps.finish();
     let names = [&args.first, &args.second].map(|p| p.display().to_string());
-    let thermal = largest_change(files.each_ref().map(|f| &f.spec), files.each_ref().map(|f| &f.thermal[..]));
-    let diff = Diff { names, files, found, thermal };
+    let (specs, thermals) = (files.each_ref().map(|f| &f.spec), files.each_ref().map(|f| &f.thermal[..]));
+    found.unsearched[0] += largest_change(specs, thermals);
+    let diff = Diff { names, files, found };
     if let Some(path) = &args.svg {
         write_text(path, &picture::curves(&diff)?)?;
     }
@@ -101,7 +100,7 @@ impl Args {
         let Some(volume) = &found.volume else { return false };
         let [shift, turn] = found.unsearched;
         let within = |tolerance: Option<f64>, value: f64| tolerance.is_none_or(|t| value <= t);
-        within(self.tolerance_um.map(mm_from_um), volume.position.position.norm() + shift + diff.thermal)
+        within(self.tolerance_um.map(mm_from_um), volume.position.position.norm() + shift)
             && within(self.tolerance_arcsec.map(rad_from_arcsec), volume.rotation.rotation.norm() + turn)
     }
 }

@@ -152,7 +152,6 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
     };
     let located = |d: &Difference, v: &Vec3| format!("at {}: {}", pose_words(chain, &d.pose), vector(v));
     let [shift, turn] = diff.found.unsearched;
-    let shift = shift + diff.thermal;
     if shift > 0.0 || turn > 0.0 {
         let (shift, turn) = (um_from_mm(shift), arcsec_from_rad(turn));
         out.push(format!(
@@ -232,8 +231,8 @@ pub(super) fn as_json(diff: &Diff) -> Value {
         "provenance": provenance(diff),
     });
     let [shift, turn] = diff.found.unsearched;
-    if shift + diff.thermal > 0.0 {
-        json["unsearched_um"] = rounded(um_from_mm(shift + diff.thermal)).into();
+    if shift > 0.0 {
+        json["unsearched_um"] = rounded(um_from_mm(shift)).into();
         json["unsearched_arcsec"] = rounded(arcsec_from_rad(turn)).into();
     }
     json

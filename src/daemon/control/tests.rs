@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::channels::{ServiceChannels, Ticket, channels};
-use crate::simulation;
+use crate::link_session::Reaction;
+use crate::simulation::{self, hello};
+use volcomp_protocol::{MachineState, Message, Position};
 
 fn control(kept_fault: bool) -> (Control, ServiceChannels) {
     let (cycle, service) = channels();
@@ -101,6 +103,26 @@ fn where_nothing_is_latched_an_acknowledgement_changes_nothing() {
     assert!(!refused(&mut control, &service, Request::Engine(Command::Enable), 0.1));
     assert!(!refused(&mut control, &service, Request::Engine(Command::ClearFault), 0.2));
     assert!(service.progress.wanted.load(Relaxed));
+}
+
+#[test]
+fn a_control_that_comes_back_with_another_hello_is_held_to_what_it_was_sent() {
+    let (mut control, _service) = control(false);
+    let loaded = simulation::loaded();
+    let mut seat = None;
+    for (turned, reported, is_answered) in [(false, 0.0, true), (true, 0.0, true), (false, 0.05, false)] {
+        let hello = hello(turned);
+        let config = loaded.config.engine_config(&hello).expect("the hello fits");
+        control.prepare(at(1.0), &config, &hello, &mut seat).expect("an engine");
+        let (_, session) = seat.as_mut().expect("an engine");
+        control.link_up(at(1.0), &hello, session);
+        let state = MachineState::from_bits(MachineState::HOMED | MachineState::ENABLED);
+        let mut frame = Position { sequence: 1, control_ns: 1_000_000, state, ..Position::default() };
+        frame.applied[0] = reported;
+        let reaction = session.handle(at(1.0), &Message::Position(frame));
+        assert_eq!(matches!(reaction, Reaction::Answer(_)), is_answered, "{reported} mm reported");
+        control.link_down(at(1.0), session);
+    }
 }
 
 #[test]

@@ -18,7 +18,7 @@ use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
 const CYCLE_NS: u64 = 1_000_000;
 
 /// What the control says of itself; `turned` in another order of axes, so that it needs an engine of its own.
-fn hello(turned: bool) -> ControlHello {
+pub(crate) fn hello(turned: bool) -> ControlHello {
     let axis = |name| Axis { name, unit: AxisUnit::Millimetre };
     let mut axes = [axis(AxisName::X); MAX_AXES];
     (axes[1], axes[2]) =

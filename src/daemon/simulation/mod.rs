@@ -23,6 +23,7 @@ use shuttle::scheduler::{PctScheduler, RandomScheduler};
 
 use super::load::{Loaded, load};
 use super::sync::simulated::simulate;
+pub(super) use control::hello;
 use history::History;
 use memory_disk::MemoryDisk;
 

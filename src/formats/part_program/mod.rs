@@ -256,7 +256,7 @@ impl Run<'_> {
                     _ => {}
                 }
             }
-            'M' if (960..=999).contains(&code) => {
+            'M' | 'L' if word.letter == 'L' || (960..=999).contains(&code) => {
                 return Err(self.fail(
                     word.from,
                     format!("{} (subprogram) is not corrected; write its blocks out", word.text),
@@ -268,12 +268,6 @@ impl Run<'_> {
                 if !self.by_m6 {
                     self.change_tool(word)?;
                 }
-            }
-            'L' => {
-                return Err(self.fail(
-                    word.from,
-                    format!("{} (subprogram) is not corrected; write its blocks out", word.text),
-                ));
             }
             // the number of the program
             'O' if !self.begun => {}
