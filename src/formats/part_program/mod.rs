@@ -2,7 +2,7 @@
 //!
 //! A block with motion (`G0`, `G1`) gets every corrected axis at its end, because the corrections of all axes change with the
 //! position. A feed block in which the correction leaves a straight line between its ends by more than the tolerance is
-//! divided into equal parts. Comments, block numbers, feeds, M words and other words stay as they are. What would
+//! divided into equal parts; where reversals change it by more, a block at the place of the reversal comes before. Comments, block numbers, feeds, M words and other words stay as they are. What would
 //! move by other rules than straight lines in absolute coordinates is refused with line and remedy: the list is
 //! [`REFUSED`].
 //!
@@ -209,6 +209,15 @@ impl Run<'_> {
         }
         let from = self.position;
         let to = self.known(&target, last.from)?;
+        if let Ok(start) = self.known(&from, last.from) {
+            let before = feed.then(|| self.at(&start).offset);
+            self.turn(&start, &to);
+            if let Some(before) = before
+                && self.is_bent(|k| self.at(&start).offset[k] - before[k]).is_some()
+            {
+                self.write_reversal(&words, &moved, &start, end)?;
+            }
+        }
         let parts = if feed { self.parts(&from, &to, last.from)? } else { 1 };
         if parts > 1
             && let Some(m) = words.iter().find(|w| w.letter == 'M')
@@ -216,7 +225,7 @@ impl Run<'_> {
             return Err(self
                 .fail(m.from, "an M word in a block that must be divided; write it in a block of its own"));
         }
-        self.write(text, &moved, &from, &to, parts)?;
+        self.write((text, end), &moved, &from, &to, parts)?;
         self.out.text.push_str(if end.is_empty() && parts > 1 { "" } else { end });
         self.position = target;
         Ok(())
@@ -341,14 +350,13 @@ impl Run<'_> {
 
     /// Into how many parts a feed block is divided.
     fn parts(
-        &mut self,
+        &self,
         from: &[Option<f64>; MAX_AXES],
         to: &AxisArray,
         column: usize,
     ) -> Result<u32, ProgramError> {
         // the first move of a program comes from somewhere
         let Ok(from) = self.known(from, column) else { return Ok(1) };
-        self.turn(&from, to);
         let between = |share: f64| core::array::from_fn(|k| from[k] + share * (to[k] - from[k]));
         let offset = |share: f64| self.at(&between(share)).offset;
         let mut parts = 1;
@@ -359,10 +367,7 @@ impl Run<'_> {
                 let (a, b) = (offset(low), offset(high));
                 [0.25, 0.5, 0.75].into_iter().find_map(|s| {
                     let there = offset(low + s * (high - low));
-                    (0..self.axes.len()).find(|&k| {
-                        let tolerance = self.request.tolerance[usize::from(self.is_rotary(k))];
-                        (there[k] - a[k] - s * (b[k] - a[k])).abs() > tolerance
-                    })
+                    self.is_bent(|k| there[k] - a[k] - s * (b[k] - a[k]))
                 })
             };
             let Some(bent) = (0..parts).find_map(off_line) else { return Ok(parts) };
@@ -377,6 +382,12 @@ impl Run<'_> {
         }
     }
 
+    /// The first axis by which a correction is off by more than the tolerance.
+    fn is_bent(&self, off: impl Fn(usize) -> f64) -> Option<usize> {
+        let tolerance = |k: usize| self.request.tolerance[usize::from(self.is_rotary(k))];
+        (0..self.axes.len()).find(|&k| off(k).abs() > tolerance(k))
+    }
+
     /// Directions of travel of a move; an axis that stands keeps its last one.
     fn turn(&mut self, from: &AxisArray, to: &AxisArray) {
         for (k, travel) in self.travel.iter_mut().enumerate() {
@@ -389,18 +400,13 @@ impl Run<'_> {
     /// Writes a block in its parts, without its last line end.
     fn write(
         &mut self,
-        text: &str,
+        (text, end): (&str, &str),
         moved: &[(usize, &Word<'_>)],
         from: &[Option<f64>; MAX_AXES],
         to: &AxisArray,
         parts: u32,
     ) -> Result<(), ProgramError> {
         let column = moved.last().map_or(0, |m| m.1.from);
-        if parts == 1
-            && let Ok(from) = self.known(from, column)
-        {
-            self.turn(&from, to);
-        }
         self.out.blocks += 1;
         for part in 1..=parts {
             let share = f64::from(part) / f64::from(parts);
@@ -416,10 +422,7 @@ impl Run<'_> {
                     self.out.held[k].get_or_insert((0, self.line)).0 += 1;
                 }
             }
-            let value = |k: usize| {
-                let v = place[k] + at.offset[k];
-                if self.is_rotary(k) { format!("{:.7}", deg_from_rad(v)) } else { format!("{v:.6}") }
-            };
+            let value = |k: usize| self.value(&place, &at, k);
             let mut block = String::new();
             if part == 1 {
                 let mut end = 0;
@@ -437,17 +440,45 @@ impl Run<'_> {
                 }
                 block.push_str(&text[end..]);
             } else {
-                let written = |k: &usize| self.request.corrected[*k] || moved.iter().any(|m| m.0 == *k);
-                let all: Vec<String> = (0..self.axes.len())
-                    .filter(written)
-                    .map(|k| format!("{}{}", self.axes[k], value(k)))
-                    .collect();
-                let _ = write!(block, "\n{}", all.join(" "));
+                let _ = write!(block, "{}{}", line_end(end), self.all_axes(&place, &at, moved));
             }
             self.out.text.push_str(&block);
             self.out.blocks_out += 1;
         }
         Ok(())
+    }
+
+    /// Writes a block that stays where the one before ended, with the correction of the directions that come: its codes and its feed hold
+    /// for both.
+    fn write_reversal(
+        &mut self,
+        words: &[Word<'_>],
+        moved: &[(usize, &Word<'_>)],
+        place: &AxisArray,
+        end: &str,
+    ) -> Result<(), ProgramError> {
+        let at = self.at(place);
+        self.check(place, &at, words[0].from)?;
+        let modal = words.iter().filter(|w| matches!(w.letter, 'G' | 'F')).map(|w| w.text);
+        let all: Vec<&str> = modal.collect();
+        let gap = if all.is_empty() { "" } else { " " };
+        let axes = self.all_axes(place, &at, moved);
+        let _ = write!(self.out.text, "{}{gap}{axes}{}", all.join(" "), line_end(end));
+        self.out.blocks_out += 1;
+        Ok(())
+    }
+
+    /// The corrected value of an axis, mm or deg.
+    fn value(&self, place: &AxisArray, at: &At, k: usize) -> String {
+        let v = place[k] + at.offset[k];
+        if self.is_rotary(k) { format!("{:.7}", deg_from_rad(v)) } else { format!("{v:.6}") }
+    }
+
+    /// Words of all axes that are corrected or stand in a block.
+    fn all_axes(&self, place: &AxisArray, at: &At, moved: &[(usize, &Word<'_>)]) -> String {
+        let written = |k: &usize| self.request.corrected[*k] || moved.iter().any(|m| m.0 == *k);
+        let word = |k: usize| format!("{}{}", self.axes[k], self.value(place, at, k));
+        (0..self.axes.len()).filter(written).map(word).collect::<Vec<_>>().join(" ")
     }
 
     /// Refuses what an axis cannot do, and takes note of the largest figures.
@@ -494,6 +525,11 @@ impl Run<'_> {
         self.out.rest = self.out.rest.sup(&at.rest.abs());
         Ok(())
     }
+}
+
+/// The end of a line that comes before one with this end.
+fn line_end(end: &str) -> &str {
+    if end.is_empty() { "\n" } else { end }
 }
 
 #[cfg(test)]

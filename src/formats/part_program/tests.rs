@@ -175,3 +175,27 @@ fn the_remedy_against_many_parts_names_axis_and_tolerance() {
         assert!(error.what.contains(said), "{error}");
     }
 }
+
+/// A machine whose X stands 8 um further after travel in the negative direction.
+fn with_reversal() -> Model {
+    let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y t]").unwrap());
+    let table = Table::new(vec![0.0, 100.0], vec![0.0; 2], Some(vec![0.008; 2]), Interpolation::Linear);
+    let exx = ErrorFunction::single(Curve::Table(table.unwrap()));
+    spec.errors.push((ErrorSymbol::parse("exx").unwrap(), exx));
+    Model::new(&spec).unwrap()
+}
+
+#[test]
+fn a_feed_block_behind_a_reversal_begins_where_it_is() {
+    let model = with_reversal();
+    let text = "G0 X10 Y0\r\nN1 G1 X50 F500\r\nN2 F200 X20 M8 (back)\r\nN3 Y5\r\nX30\r\nG0 X5\r\nG1 X1";
+    let out = correct(text, &request(&model)).unwrap();
+    let wanted = "G0 X10.000000 Y0.000000\r\nN1 G1 X50.000000 Y0.000000 F500\r\n\
+                  F200 X49.992000 Y0.000000\r\nN2 F200 X19.992000 Y0.000000 M8 (back)\r\nN3 Y5.000000 X19.992000\r\n\
+                  X20.000000 Y5.000000\r\nX30.000000 Y5.000000\r\nG0 X4.992000 Y5.000000\r\nG1 X0.992000 Y5.000000";
+    assert_eq!(out.text, wanted);
+    assert_eq!((out.blocks, out.blocks_out), (7, 9));
+    // what is within the tolerance needs no block
+    let wide = Request { tolerance: [0.01, 1e-6], ..request(&model) };
+    assert_eq!(correct(text, &wide).unwrap().blocks_out, 7);
+}
