@@ -3,10 +3,12 @@
 
 use std::collections::BTreeMap;
 
-use super::constants::{HALF, LITTLE, SIGNIFICANT};
+use super::constants::{HALF, LITTLE, ROUNDS, SIGNIFICANT};
 use super::decision::Assessed;
 use super::library::{Label, Library, Shape};
 use super::moment::Moment;
+use super::noise::ClassNoise;
+use super::search::{Problem, Selection};
 use super::session::{Reading, Session};
 use super::{Analysis, contributions_um};
 
@@ -18,9 +20,14 @@ pub(super) struct BarLength {
     pub(super) explained_beside: f64,
 }
 
-/// Lengths taken off so far, um, by set-up.
+/// Lengths taken off so far.
 #[derive(Default)]
-pub(super) struct BarLengths(BTreeMap<usize, f64>);
+pub(super) struct BarLengths {
+    /// um, by set-up.
+    taken_um: BTreeMap<usize, f64>,
+    /// How often.
+    times: usize,
+}
 
 /// The set-ups with a length of their own (none where one serves all) of a variant that is the length of a ballbar.
 fn setups_of(library: &Library, variant: usize) -> Option<&[usize]> {
@@ -31,27 +38,39 @@ fn setups_of(library: &Library, variant: usize) -> Option<&[usize]> {
 }
 
 impl BarLengths {
-    /// Takes the length off the readings where it is an effect found that stands out; false elsewhere.
-    pub(super) fn take_off(&mut self, session: &mut Session, analysis: &Analysis) -> bool {
-        let Some(found) = standing_out_um(session, analysis) else { return false };
+    /// Takes the length off the readings where it is an effect found that stands out, a few times at most; false elsewhere.
+    pub(super) fn take_off(
+        &mut self,
+        session: &mut Session,
+        library: &Library,
+        searched: (&Problem, &Selection),
+        noise: &[ClassNoise],
+    ) -> bool {
+        if self.times == ROUNDS {
+            return false;
+        }
+        let Some(found) = standing_out_um(session, library, searched, noise) else { return false };
+        self.times += 1;
         for (r, m) in session.readings.iter_mut().zip(&session.moments).filter(|(_, m)| m.is_ballbar) {
             r.deviation_um -= found.get(&m.setup).copied().unwrap_or_default();
         }
-        found.into_iter().for_each(|(setup, length_um)| *self.0.entry(setup).or_default() += length_um);
+        found
+            .into_iter()
+            .for_each(|(setup, length_um)| *self.taken_um.entry(setup).or_default() += length_um);
         true
     }
 
     /// Puts all of it back into the gap, as an effect found: what was found beside it stands.
     pub(super) fn put_back(&self, session: &mut Session, analysis: &mut Analysis) {
-        let Some((_, first_um)) = self.0.first_key_value() else { return };
+        let Some((_, first_um)) = self.taken_um.first_key_value() else { return };
         // sets that were compared hold no effect that was not
         let Analysis { library, problem, selection, comparison: None, .. } = analysis else { return };
         let is_own = |v: &usize| setups_of(library, *v).is_some_and(|setups| !setups.is_empty());
         let each_has_its_own =
-            self.0.values().any(|um| um != first_um) || selection.chosen.iter().any(is_own);
+            self.taken_um.values().any(|um| um != first_um) || selection.chosen.iter().any(is_own);
         let mut all = (0..library.variants.len()).filter(|v| setups_of(library, *v).is_some());
         let Some(variant) = all.find(|v| is_own(v) == each_has_its_own) else { return };
-        let of = |setup: &usize| self.0.get(setup).copied().unwrap_or_default();
+        let of = |setup: &usize| self.taken_um.get(setup).copied().unwrap_or_default();
         let amounts_um: Vec<f64> = match setups_of(library, variant).unwrap_or_default() {
             [] => vec![*first_um],
             setups => setups.iter().map(of).collect(),
@@ -70,15 +89,19 @@ impl BarLengths {
 }
 
 /// The length error by set-up, um, where it is among the effects found and larger than noise and drift.
-fn standing_out_um(session: &Session, analysis: &Analysis) -> Option<BTreeMap<usize, f64>> {
-    let Analysis { library, problem, selection, comparison: None, .. } = analysis else { return None };
+fn standing_out_um(
+    session: &Session,
+    library: &Library,
+    (problem, selection): (&Problem, &Selection),
+    noise: &[ClassNoise],
+) -> Option<BTreeMap<usize, f64>> {
     let is_length = |v: &usize| setups_of(library, *v).is_some();
     let place = selection.chosen.iter().position(is_length)?;
     let parts = contributions_um(session, problem, library, &selection.chosen);
     let of_ballbar = session.moments.iter().zip(&session.readings).zip(&parts[place]);
     let of_ballbar: Vec<_> = of_ballbar.filter(|((m, _), _)| m.is_ballbar).collect();
     let stands_out = of_ballbar.iter().any(|((_, r), length_um)| {
-        let noise = analysis.noise[r.instrument];
+        let noise = noise[r.instrument];
         length_um.abs() > SIGNIFICANT * noise.white_um.hypot(noise.drift_um)
     });
     stands_out.then(|| of_ballbar.into_iter().map(|((m, _), length_um)| (m.setup, *length_um)).collect())

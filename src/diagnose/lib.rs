@@ -132,18 +132,14 @@ pub fn diagnose(
     options: &Options,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
-    let mut raw = RawColumns::default();
-    // what is taken off below is no multiple of a step
-    let lattice_um = noise::lattices(session);
-    let mut analysis = analyse(session, options, &lattice_um, &mut raw, tell);
-    let mut lengths = BarLengths::default();
-    for _ in 0..ROUNDS {
-        if !lengths.take_off(session, &analysis) {
-            break;
-        }
-        analysis = analyse(session, options, &lattice_um, &mut raw, tell);
+    let mut known = Known::of(session);
+    let mut analysis = analyse(session, options, &mut known, tell);
+    while let Analysis { library, problem, selection, noise, comparison: None, .. } = &analysis
+        && known.bar_lengths.take_off(session, library, (problem, selection), noise)
+    {
+        analysis = analyse(session, options, &mut known, tell);
     }
-    lengths.put_back(session, &mut analysis);
+    known.bar_lengths.put_back(session, &mut analysis);
     if session.ball_zero.is_some() {
         session.notes.push(Note::new(
             "readings of the R-test fit better where all errors, not those of rotary axes alone, count from the centring of the ball: \
@@ -172,15 +168,32 @@ pub fn diagnose(
     outcome::conclude(session, fresh, options, &analysis, tell)
 }
 
-/// `lattice_um`: the step of each instrument class; `raw`: columns of an analysis of the same session before.
+/// What one analysis of a session leaves to the next.
+struct Known {
+    /// Step of each instrument class, um: what is taken off later is no multiple of it.
+    lattice_um: Vec<f64>,
+    raw: RawColumns,
+    bar_lengths: BarLengths,
+}
+
+impl Known {
+    fn of(session: &Session) -> Self {
+        Self {
+            lattice_um: noise::lattices(session),
+            raw: RawColumns::default(),
+            bar_lengths: BarLengths::default(),
+        }
+    }
+}
+
 fn analyse(
     session: &mut Session,
     options: &Options,
-    lattice_um: &[f64],
-    raw: &mut RawColumns,
+    known: &mut Known,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Analysis {
     tell(0.0, "noise from repeats");
+    let lattice_um = &known.lattice_um.clone()[..];
     let gap = session.gap();
     let mut outlying = noise::outliers(session, &gap, lattice_um);
     let mut used = noise::all_but(gap.len(), &outlying);
@@ -206,7 +219,7 @@ fn analyse(
             if session.ball_zero.is_some() {
                 return analysis;
             }
-            let likelier = likelier_zero(session, options, (lattice_um, raw), analysis, tell);
+            let likelier = likelier_zero(session, options, known, analysis, tell);
             return beside_causes(session, &named, &white, likelier);
         }
     }
@@ -215,12 +228,19 @@ fn analyse(
     let mut round = 0;
     loop {
         tell(0.1 + 0.25 * round as f64, "search for causes");
-        let mut found = Searched::under(session, &mut library, raw, (&class_noise, &used, &gap), options);
+        let mut found =
+            Searched::under(session, &mut library, &mut known.raw, (&class_noise, &used, &gap), options);
         round += 1;
-        if round == 1 && found.is_likelier_from_ball_zero(session, raw, &library, &class_noise) {
-            return analyse(session, options, lattice_um, raw, tell);
-        }
         let left = remainder(session, &found.problem, &library, &found.selection, &gap);
+        if round == 1 {
+            let next = steady(noise::from_remainder(session, &left, &used, &class_noise));
+            let searched = (&found.problem, &found.selection);
+            if known.bar_lengths.take_off(session, &library, searched, &next)
+                || found.is_likelier_from_ball_zero(session, &mut known.raw, &library, &class_noise)
+            {
+                return analyse(session, options, known, tell);
+            }
+        }
         let is_judged = !found.selection.is_plain && !found.problem.precise;
         let further = if is_judged && round < ROUNDS {
             noise::off_the_fit(session, &found.filter, &left, lattice_um, (&class_noise, &used))
@@ -238,9 +258,10 @@ fn analyse(
         if settled || round >= ROUNDS {
             // the control's own encoders see the servo, which depends on no place
             if is_judged {
-                let known = (&next[..], &used[..], &gap[..]);
+                let data = (&next[..], &used[..], &gap[..]);
+                let rest = (&left[..], lattice_um);
                 if let Some(quieter) =
-                    found.with_slow_cause(session, &mut library, raw, known, (&left, lattice_um), options)
+                    found.with_slow_cause(session, &mut library, &mut known.raw, data, rest, options)
                 {
                     class_noise = quieter;
                 }
@@ -288,14 +309,14 @@ fn analyse(
 fn likelier_zero(
     session: &mut Session,
     options: &Options,
-    (lattice_um, raw): (&[f64], &mut RawColumns),
+    known: &mut Known,
     analysis: Analysis,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Analysis {
     if !session.count_from_ball_zero() {
         return analysis;
     }
-    let from_zero = analyse(session, options, lattice_um, raw, tell);
+    let from_zero = analyse(session, options, known, tell);
     let log = |a: &Analysis| a.comparison.as_ref().map_or(f64::NEG_INFINITY, |c| c.log_evidence);
     if log(&from_zero) > log(&analysis) + STRONG {
         return from_zero;

@@ -1,27 +1,28 @@
 //! What columns outside the library bring beside effects that stay: decomposed once, so that the many shapes that a refinement tries
 //! cost their products with them alone.
 
-use rayon::prelude::*;
+use nalgebra::{DMatrix, DMatrixView};
 
 use super::super::library::Shape;
 use super::super::noise::Filter;
 use super::super::session::Session;
-use super::pivoted_cholesky::{Factor, Rest, dot};
-use super::problem::{Given, Problem};
+use super::low_rank::product;
+use super::pivoted_cholesky::{Factor, Rest};
+use super::problem::{Given, Problem, WIDE};
 use super::refine::{STEPS, is_local};
 
 /// Most moves with one step.
 const MOVES: usize = 6;
 
-/// Columns whitened by the filter, a value per row of the problem each, and after these what of each lies along the directions of the
-/// noise that joined, which its products lack (Woodbury).
-pub(super) type Columns = Vec<Vec<f64>>;
+/// Columns whitened by the filter, a matrix row each: a value per row of the problem, and after these what of each lies along the
+/// directions of the noise that joined, which its products lack (Woodbury).
+pub(super) type Columns = DMatrix<f64>;
 
 /// The effects that stay, for what is compared beside them.
 pub(super) struct Beside {
-    columns: Columns,
+    /// Their columns and the gap, a matrix column each; what lies along the directions of the noise with the sign that it has in products.
+    with: DMatrix<f64>,
     factor: Factor,
-    y: Vec<f64>,
     /// Number of rows of the problem.
     rows: usize,
     /// `L^-1` times the products of the columns with the gap.
@@ -32,43 +33,56 @@ impl Beside {
     /// Beside some variants (prepared).
     pub(super) fn new(problem: &Problem, others: &[usize]) -> Self {
         let Given { columns, factor, z, .. } = problem.given(others);
-        let (columns, y) = problem.columns_and_gap(&columns);
-        Self { columns, factor, y, rows: problem.len(), z }
+        let (rows, mut with) = (problem.len(), problem.columns_and_gap(&columns).transpose());
+        with.rows_range_mut(rows..).neg_mut();
+        Self { with, factor, rows, z }
     }
 
-    /// Product of two columns beside the noise that joined.
-    fn product(&self, a: &[f64], b: &[f64]) -> f64 {
-        let ((a, a_along), (b, b_along)) = (a.split_at(self.rows), b.split_at(self.rows));
-        dot(a, b) - dot(a_along, b_along)
-    }
-
-    /// Decomposition of the products of columns with each other beside what stays, and their products with the gap beside it.
-    fn rest(&self, more: &Columns) -> (Factor, Vec<f64>) {
-        let (k, n) = (more.len(), self.columns.len());
-        let mut with = vec![0.0; k * n];
-        for (i, other) in self.columns.iter().enumerate() {
-            more.iter().enumerate().for_each(|(j, c)| with[j * n + i] = self.product(other, c));
+    /// Products of columns with each other beside the noise that joined, row by row.
+    fn among(&self, own: &DMatrixView<'_, f64>) -> Vec<f64> {
+        let k = own.nrows();
+        let (values, along) = own.columns_range_pair(..self.rows, self.rows..);
+        if k > WIDE {
+            return (values * values.transpose() - along * along.transpose()).as_slice().to_vec();
         }
         let mut g = vec![0.0; k * k];
-        for i in 0..k {
-            (0..=i).for_each(|j| g[i * k + j] = self.product(&more[i], &more[j]));
+        for (part, sign) in [(values, 1.0), (along, -1.0)] {
+            for row in part.column_iter() {
+                for i in 0..k {
+                    (0..=i).for_each(|j| g[i * k + j] += sign * row[i] * row[j]);
+                }
+            }
         }
-        let full: Vec<f64> = (0..k).map(|i| g[i * k + i]).collect();
-        let b = more.iter().map(|c| self.product(c, &self.y)).collect();
-        let rest = Rest::new(&self.factor, &self.z, with, g, b);
-        (Factor::new(k, &rest.g, &full), rest.b)
+        g
     }
 
-    /// Drop of the sum of squares by columns beside what stays, and how many of them are independent of it.
-    pub(super) fn gain(&self, more: &Columns) -> (f64, usize) {
-        let (factor, b) = self.rest(more);
-        (factor.gain(&b), factor.rank())
+    /// Decomposition of the products of columns with each other beside what stays, and their products with the gap beside it, for each
+    /// group of so many columns.
+    fn rests(&self, more: &Columns, widths: impl Iterator<Item = usize>) -> Vec<(Factor, Vec<f64>)> {
+        let with = product(&more.as_view(), &self.with).transpose();
+        let n = with.nrows() - 1;
+        let mut at = 0;
+        let of_group = |k: usize| {
+            let g = self.among(&more.rows(at, k));
+            let own = with.columns(at, k);
+            at += k;
+            let full: Vec<f64> = (0..k).map(|i| g[i * k + i]).collect();
+            let b = own.row(n).iter().copied().collect();
+            let rest = Rest::new(&self.factor, &self.z, own.rows(0, n).iter().copied().collect(), g, b);
+            (Factor::new(k, &rest.g, &full), rest.b)
+        };
+        widths.map(of_group).collect()
     }
 
-    /// The values of columns beside what stays.
-    pub(super) fn values(&self, more: &Columns) -> Vec<f64> {
-        let (factor, b) = self.rest(more);
-        factor.solve(&b)
+    /// Drop of the sum of squares by each group of so many columns beside what stays, and how many of them are independent of it.
+    pub(super) fn gains(&self, more: &Columns, widths: impl Iterator<Item = usize>) -> Vec<(f64, usize)> {
+        self.rests(more, widths).iter().map(|(factor, b)| (factor.gain(b), factor.rank())).collect()
+    }
+
+    /// The same of all columns together, and their values.
+    pub(super) fn says(&self, more: &Columns) -> ((f64, usize), Vec<f64>) {
+        let (factor, b) = self.rests(more, std::iter::once(more.nrows())).remove(0);
+        ((factor.gain(&b), factor.rank()), factor.solve(&b))
     }
 
     /// What a shape brings with the best values near its own, the number of its independent columns, and that shape.
@@ -79,8 +93,9 @@ impl Beside {
         filter: &Filter,
         shape: &Shape,
     ) -> (f64, usize, Shape) {
-        let gains = |shapes: &[&Shape]| -> Vec<(f64, usize)> {
-            problem.columns_of(session, filter, shapes).par_iter().map(|c| self.gain(c)).collect()
+        let gains = |shapes: &[&Shape]| {
+            let columns = problem.columns_of(session, filter, shapes);
+            self.gains(&columns, shapes.iter().map(|s| s.width()))
         };
         let mut best = (gains(&[shape])[0], shape.clone());
         for step in STEPS {

@@ -128,14 +128,11 @@ impl Joined {
         product(columns, &self.directions)
     }
 
-    /// What of a column of the problem does.
-    pub(super) fn along_column(&self, column: usize) -> &[f64] {
-        &self.along.as_slice()[column * self.of_gap.len()..][..self.of_gap.len()]
-    }
-
-    /// What of the gap does.
-    pub(super) fn along_gap(&self) -> &[f64] {
-        self.of_gap.as_slice()
+    /// What of some columns of the problem and of the gap, the last, does, a row each.
+    pub(super) fn along_of(&self, columns: &[usize]) -> DMatrix<f64> {
+        let mut along = self.along.select_columns(columns).transpose().insert_row(columns.len(), 0.0);
+        along.row_mut(columns.len()).copy_from(&self.of_gap.transpose());
+        along
     }
 
     /// What it takes of the product of two columns.

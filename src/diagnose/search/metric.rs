@@ -206,31 +206,31 @@ impl Problem {
         self.cross.clear();
     }
 
-    /// The columns of each of some shapes, to compare beside effects that stay.
+    /// The columns of some shapes, to compare beside effects that stay.
     #[must_use]
-    pub(super) fn columns_of(&self, session: &Session, filter: &Filter, shapes: &[&Shape]) -> Vec<Columns> {
+    pub(super) fn columns_of(&self, session: &Session, filter: &Filter, shapes: &[&Shape]) -> Columns {
         let width = shapes.iter().map(|s| s.width()).sum();
         let mut data = filter.mean(raw(session, &filter.members(), shapes), width);
         filter.apply(&mut data, width);
-        let lies = DMatrixView::from_slice(&data, width, self.len());
-        let along: Vec<DMatrix<f64>> = self.joined.iter().map(|n| n.along(&lies)).collect();
-        let of_row = |m: &DMatrixView<'_, f64>, j: usize| m.row(j).iter().copied().collect::<Vec<f64>>();
-        let column = |j| {
-            let all = std::iter::once(lies).chain(along.iter().map(DMatrix::as_view));
-            all.flat_map(|m| of_row(&m, j)).collect()
-        };
-        let mut columns = (0..width).map(column);
-        shapes.iter().map(|s| columns.by_ref().take(s.width()).collect()).collect()
+        for noise in &self.joined {
+            let along = noise.along(&DMatrixView::from_slice(&data, width, self.len()));
+            data.extend_from_slice(along.as_slice());
+        }
+        Columns::from_vec(width, data.len() / width.max(1), data)
     }
 
-    /// Columns of the problem and the gap in the same form.
-    pub(super) fn columns_and_gap(&self, columns: &[usize]) -> (Columns, Vec<f64>) {
-        let column = |c: &usize| -> Vec<f64> {
-            let along = self.joined.iter().flat_map(|n| n.along_column(*c));
-            self.plain.w.row(*c).iter().chain(along).map(|v| v * self.unit[*c]).collect()
-        };
-        let gap = self.plain.y.iter().chain(self.joined.iter().flat_map(|n| n.along_gap()));
-        (columns.iter().map(column).collect(), gap.copied().collect())
+    /// Columns of the problem and the gap, the last, in the same form.
+    pub(super) fn columns_and_gap(&self, columns: &[usize]) -> Columns {
+        let mut data = self.plain.w.select_rows(columns).insert_row(columns.len(), 0.0);
+        data.row_mut(columns.len()).copy_from(&self.plain.y.transpose());
+        for noise in &self.joined {
+            let along = noise.along_of(columns);
+            let at = data.ncols();
+            data = data.insert_columns(at, along.ncols(), 0.0);
+            data.columns_mut(at, along.ncols()).copy_from(&along);
+        }
+        data.row_iter_mut().zip(columns).for_each(|(mut row, c)| row *= self.unit[*c]);
+        data
     }
 
     /// Whitens columns, a row of `width` values per row of the problem, in place.
@@ -307,7 +307,8 @@ mod tests {
         let products = problem.products(&DMatrix::from_column_slice(N, 1, other.as_slice()));
         columns.iter().enumerate().for_each(|(c, column)| close(products[(c, 0)], column.dot(&other)));
         problem.prepare(&[0]);
-        let beside = Beside::new(&problem, &[0]).gain(&problem.columns_and_gap(&[1, 2, 3]).0);
+        let columns = problem.columns_and_gap(&[1, 2, 3]).remove_row(3);
+        let beside = Beside::new(&problem, &[0]).says(&columns).0;
         let wanted = problem.gain_beside(&[0], 1);
         close(beside.0, wanted.0);
         assert_eq!(beside.1, wanted.1);

@@ -3,6 +3,7 @@
 //! `d = eps(q) x (r - c)`: with `eps` and `c` free this is linear in `eps` and in `eps c`, which starts the search; Gauss-Newton
 //! steps end it.
 
+use nalgebra::RowDVector;
 use rayon::prelude::*;
 
 use super::super::constants::{ROUNDS, STRONG};
@@ -77,7 +78,7 @@ pub fn turn_about_pivots(
         let turned = variants.par_iter().filter(|v| !selection.banned.contains(v)).filter_map(|v| {
             let Shape::Angular(shape) = &library.variants[*v].shape else { return None };
             let (shape, columns) = pivoted(&beside, problem, session, filter, shape.clone())?;
-            let (gain, rank) = beside.gain(&columns);
+            let (gain, rank) = beside.says(&columns).0;
             Some((evidence(gain, rank + COORDINATES, grid), *v, shape))
         });
         let turned: Vec<_> = turned.collect();
@@ -143,49 +144,39 @@ fn pivoted(
     };
     let shapes: Vec<Shape> =
         std::iter::once(shape.clone().into()).chain(across.iter().map(moved_to)).collect();
-    let mut columns = problem.columns_of(session, filter, &shapes.iter().collect::<Vec<_>>()).into_iter();
-    let own = columns.next()?;
+    let columns = problem.columns_of(session, filter, &shapes.iter().collect::<Vec<_>>());
+    let terms = columns.nrows() / shapes.len();
+    let own = columns.rows(0, terms).into_owned();
     // a displacement by each term of the curve along each direction: the difference of two levers
-    let differ =
-        |moved: Columns| -> Columns { moved.iter().zip(&own).map(|(m, o)| sum(m, &[(-1.0, o)])).collect() };
-    let differences: Vec<Columns> = columns.map(differ).collect();
-    let all: Columns = own.iter().chain(differences.iter().flatten()).cloned().collect();
-    let found = beside.values(&all);
-    let (curve, shifts) = found.split_at(own.len());
+    let mut all = columns;
+    for k in 1..shapes.len() {
+        let mut moved = all.rows_mut(k * terms, terms);
+        moved -= &own;
+    }
+    let difference = |k: usize| all.rows((k + 1) * terms, terms);
+    let found = beside.says(&all).1;
+    let (curve, shifts) = found.split_at(terms);
     let square: f64 = curve.iter().map(|s| s * s).sum();
     if square <= 0.0 {
         return None;
     }
-    let product = |shift: &[f64]| curve.iter().zip(shift).map(|(s, b)| s * b).sum::<f64>();
-    let mut steps: Vec<f64> = shifts.chunks(own.len()).map(|shift| product(shift) / square).collect();
+    let along_curve = |shift: &[f64]| curve.iter().zip(shift).map(|(s, b)| s * b).sum::<f64>();
+    let mut steps: Vec<f64> = shifts.chunks(terms).map(|shift| along_curve(shift) / square).collect();
     // columns are linear in the pivot
-    let moved = |steps: &[f64]| -> Columns {
-        let terms = |j: usize| steps.iter().zip(&differences).map(move |(s, d)| (*s, &d[j]));
-        own.iter().enumerate().map(|(j, o)| sum(o, &terms(j).collect::<Vec<_>>())).collect()
+    let moved = |steps: &[f64]| {
+        steps.iter().enumerate().fold(own.clone(), |moved, (k, step)| moved + *step * difference(k))
     };
     for _ in 0..ROUNDS {
-        let mut all = moved(&steps);
-        let curve = beside.values(&all);
-        let derivative = |d: &Columns| {
-            let terms: Vec<_> = curve.iter().copied().zip(d).collect();
-            sum(&vec![0.0; d[0].len()], &terms)
-        };
-        all.extend(differences.iter().map(derivative));
-        let found = beside.values(&all);
-        steps.iter_mut().zip(&found[own.len()..]).for_each(|(s, step)| *s += step);
+        let columns = moved(&steps);
+        let curve = RowDVector::from_vec(beside.says(&columns).1);
+        let mut columns = columns.insert_rows(terms, COORDINATES, 0.0);
+        (0..COORDINATES).for_each(|k| columns.row_mut(terms + k).copy_from(&(&curve * difference(k))));
+        let found = beside.says(&columns).1;
+        steps.iter_mut().zip(&found[terms..]).for_each(|(s, step)| *s += step);
     }
     for (k, step) in across.iter().zip(&steps) {
         shape.lever.home_mm[*k] += STEP_MM * step;
     }
     let shape = Shape::from(shape);
     super::refine::is_local(session, &shape).then(|| (shape, moved(&steps)))
-}
-
-/// A column and multiples of others.
-fn sum(column: &[f64], terms: &[(f64, &Vec<f64>)]) -> Vec<f64> {
-    let mut out = column.to_vec();
-    for (factor, term) in terms {
-        out.iter_mut().zip(*term).for_each(|(o, t)| *o += factor * t);
-    }
-    out
 }

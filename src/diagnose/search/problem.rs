@@ -333,7 +333,7 @@ impl Given {
 }
 
 /// Most columns of a variant whose products are summed reading by reading.
-const WIDE: usize = 5;
+pub(super) const WIDE: usize = 5;
 
 /// What scaling whitened columns to unit length gives.
 struct Scaled {

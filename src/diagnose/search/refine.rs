@@ -82,8 +82,8 @@ fn tie(
     problem.prepare(&others);
     let beside = Beside::new(problem, &others);
     let says = |problem: &Problem, shape: &Shape| {
-        let columns = problem.columns_of(session, filter, &[shape]).remove(0);
-        (beside.gain(&columns).0, beside.values(&columns)[0])
+        let ((gain, _), values) = beside.says(&problem.columns_of(session, filter, &[shape]));
+        (gain, values[0])
     };
     let loose = Shape::Lag(forms::Lag::of(axes.to_vec()));
     let (gain, lag_ms) = says(problem, &loose);
