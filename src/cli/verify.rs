@@ -1,5 +1,6 @@
 //! `volcomp verify`: two measurements of a machine, before and after compensation, as one report.
 
+mod motions;
 mod record;
 
 use crate::acceptance::HeadArgs;
@@ -7,15 +8,15 @@ use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::{CompareOptions, Compared, NOT_SIGNIFICANT, compare, expanded_change, is_significant};
 use crate::prelude::*;
-use crate::report_page::{Plot, Style};
-use volcomp_evaluate::reduction::about_end_points;
+use crate::report_page::Plot;
 use volcomp_evaluate::{Placed, Reduction, Size, Uncertain};
 
 /// Compare two measurements: reduction with its uncertainty, figures of ISO 230, plots at one scale
 ///
 /// Both files are of one kind, which their columns tell: positioning (ISO 230-2), circle (ISO 230-4), body diagonals (ISO
-/// 230-6), or error motions of a straightness run (position_mm and columns such as eyx_um). The uncertainty (k = 2) is
-/// that of the scatter of readings at one place and, where --u-device-um states it, of the instrument.
+/// 230-6), or error motions over position_mm in columns such as eyx_um: straightnesses are compared about their end-point lines,
+/// positioning and angular errors about zero. The uncertainty (k = 2) is that of the scatter of readings at one place and, where
+/// --u-device-um states it, of the instrument.
 ///
 /// Example:
 ///
@@ -37,6 +38,9 @@ pub(super) struct Args {
     /// The feed to compare, of files with several.
     #[arg(long, value_name = "FEED")]
     feed_mm_per_min: Option<f64>,
+    /// The error motions to compare, of files with positioning, straightness and angular errors.
+    #[arg(long, value_name = "COLUMN,..", value_delimiter = ',')]
+    columns: Vec<String>,
     /// Expanded uncertainty (k = 2) of the instrument: of a distance over the measured length in ISO 230-2 and 230-6
     /// (certificate, alignment, temperature; arcsec for a rotary axis), where the range takes it once, as E does; of a
     /// single reading in circles and error motions, where the range compares two. Independent in both measurements.
@@ -87,8 +91,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
         u_device: args.u_device_um,
     };
     let (mut test, charts) = match compare(files, options)? {
+        Some(_) if !args.columns.is_empty() => {
+            return Err(usage!("--columns names error motions such as eyx_um; these files hold none"));
+        }
         Some(test) => (test, Vec::new()),
-        None => straightness(files)?,
+        None => motions::compare(files, &args.columns)?,
     };
     test.notes.extend(other_range(&test));
     let size = |i: usize| {
@@ -133,7 +140,7 @@ fn other_range(test: &Compared) -> Option<String> {
     }
     let [[a, b], [c, d]] = test.readings.each_ref().map(|all| hull(all.iter().map(Placed::target)));
     let limit = SAME_RANGE * (b - a).max(d - c);
-    let unit = if test.unit == "arcsec" { "deg" } else { "mm" };
+    let unit = if test.unit == "arcsec" && test.test != motions::ANGULAR { "deg" } else { "mm" };
     ((c - a).abs() > limit || (d - b).abs() > limit).then(|| {
         format!(
             "before covers {a} to {b} {unit}, after {c} to {d} {unit}: figures of different ranges do not compare; measure the same \
@@ -330,70 +337,4 @@ fn percent(reduction: Option<Reduction>) -> String {
 fn share(Reduction { fraction, std }: Reduction) -> String {
     let limits = std.map_or_else(String::new, |std| format!(" ± {:.1}", 200.0 * std));
     format!("{}{limits} %", plain(100.0 * fraction.abs(), 1))
-}
-
-/// One error motion over its positions: key, unit, and position, direction, value of each reading.
-struct Motion {
-    name: String,
-    rows: Vec<(f64, Travel, f64)>,
-}
-
-/// Two runs of error motions; straightnesses about their end-point line.
-fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>)> {
-    let [before, after] = [read_motions(files[0])?, read_motions(files[1])?];
-    let names = |m: &[Motion]| m.iter().map(|m| m.name.clone()).collect::<Vec<_>>();
-    let [old, new] = [names(&before), names(&after)];
-    if old != new {
-        return Err(data!(files[1], "columns are {}, those before are {}", new.join(", "), old.join(", ")));
-    }
-    let placed = |motions: &[Motion]| -> Vec<Placed> {
-        let of = |(k, m): (usize, &Motion)| {
-            let one = |(q, t, v): &(f64, Travel, f64)| Placed::at_target(k as u32, *q, *t, *v);
-            m.rows.iter().map(one).collect::<Vec<_>>()
-        };
-        motions.iter().enumerate().flat_map(of).collect()
-    };
-    let chart = |(b, a): (&Motion, &Motion)| {
-        let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
-        let name = b.name.trim_end_matches("_um").to_uppercase();
-        let plot = Plot::new(name, "position, mm", "deviation, µm");
-        plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
-    };
-    let charts = before.iter().zip(&after).map(chart).collect();
-    let compared = Compared {
-        test: "straightness",
-        standard: "Error motions of an axis about their end-point lines, ISO 230-1:2012",
-        unit: "µm",
-        about: [", about the end-point line"; 2],
-        is_repeated: true,
-        readings: [placed(&before), placed(&after)],
-        ..Compared::default()
-    };
-    Ok((compared, charts))
-}
-
-fn read_motions(path: &Path) -> Result<Vec<Motion>> {
-    let mut table = table::open(path)?;
-    let (position, direction) = (table.require("position_mm")?, table.find("direction"));
-    let columns =
-        table.columns().iter().enumerate().filter(|(_, c)| c.starts_with('e') && c.ends_with("_um"));
-    let (columns, mut motions): (Vec<usize>, Vec<Motion>) =
-        columns.map(|(i, name)| (i, Motion { name: name.clone(), rows: Vec::new() })).unzip();
-    if columns.is_empty() {
-        return Err(data!(
-            path,
-            "no column with error motions such as eyx_um; --help names the kinds of files"
-        ));
-    }
-    while table.advance()? {
-        let q = table.number(position)?;
-        let travel = direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?;
-        for (motion, column) in motions.iter_mut().zip(&columns) {
-            motion.rows.push((q, travel, table.number(*column)?));
-        }
-    }
-    for motion in &mut motions {
-        about_end_points(&mut motion.rows);
-    }
-    Ok(motions)
 }

@@ -2,7 +2,9 @@
 //!
 //! Readings at one place (target and direction, or sector of a circle) are averaged. Figures are the range of the means and
 //! their RMS. The variance of a mean is the pooled variance of the readings at one place over their number, or, where
-//! these follow each other within one run and so are autocorrelated, that of a single reading; of a range it is that of its two ends. `reduction = 1 - after / before`, its variance by first-order propagation.
+//! these follow each other within one run and so are autocorrelated, that of a single reading; of a range it is that of its two ends.
+//! What the noise of the means adds to a range or an RMS, however small the deviation itself is, is known and not taken off: it is one
+//! more contribution. `reduction = 1 - after / before`, its variance by first-order propagation.
 //!
 //! An error of the instrument is added by [`Size::with_device`] as independent in either measurement; one that is the same
 //! in both changes the reduction by less.
@@ -10,8 +12,14 @@
 //! Source: GUM (JCGM 100:2008), 5.1.2; kinds of contributions as in ISO/TR 230-9:2005.
 
 use std::collections::BTreeMap;
+use volcomp_model::random::SplitMix64;
 use volcomp_model::statistics::hull;
 use volcomp_units::axes::Travel;
+
+/// Simulated ranges at most, and values of all of them.
+const DRAWS: usize = 400;
+const VALUES: usize = 400_000;
+const SEED: u64 = 2309;
 
 /// One reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,12 +117,16 @@ impl Size {
         let rms = (means().map(|(m, _)| m * m).sum::<f64>() / total).sqrt();
         let rms_variance = |v: f64| {
             let sum: f64 = means().map(|(m, n)| m * m * v / weight(n)).sum();
-            if rms > 0.0 { sum / (total * rms).powi(2) } else { 0.0 }
+            let of_mean = v * means().map(|(_, n)| 1.0 / weight(n)).sum::<f64>() / total;
+            let bias = rms - (rms * rms - at_most(of_mean, total)).max(0.0).sqrt();
+            if rms > 0.0 { sum / (total * rms).powi(2) + bias * bias } else { 0.0 }
         };
+        let of_means = |v: f64| means().map(|(m, n)| (m, (v / weight(n)).sqrt())).collect::<Vec<_>>();
         Some(Self {
             range: Uncertain {
                 value: high - low,
-                std: variance.map(|v| (v / weight(n_high) + v / weight(n_low)).sqrt()),
+                std: variance
+                    .map(|v| (v / weight(n_high) + v / weight(n_low)).sqrt().hypot(range_bias(&of_means(v)))),
             },
             rms: Uncertain { value: rms, std: variance.map(|v| rms_variance(v).sqrt()) },
             low,
@@ -133,6 +145,34 @@ impl Size {
         };
         Self { range: add(self.range, in_range), rms: add(self.rms, in_rms), ..self }
     }
+}
+
+/// The mean square of noise of this variance over `n` values, with twice its standard deviation.
+fn at_most(variance: f64, n: f64) -> f64 {
+    variance * (1.0 + 2.0 * (2.0 / n).sqrt())
+}
+
+/// What noise adds to a range: the mean of simulated ranges of means, shrunk towards their average by what their noise explains of
+/// their scatter. Each mean with its standard deviation; the seed is fixed.
+fn range_bias(means: &[(f64, f64)]) -> f64 {
+    let n = means.len() as f64;
+    if means.len() < 2 {
+        return 0.0;
+    }
+    let average = means.iter().map(|m| m.0).sum::<f64>() / n;
+    let scatter = means.iter().map(|m| (m.0 - average).powi(2)).sum::<f64>() / (n - 1.0);
+    let of_noise = means.iter().map(|m| m.1 * m.1).sum::<f64>() / n;
+    let shrunk =
+        if scatter > 0.0 { (1.0 - at_most(of_noise, n - 1.0) / scatter).max(0.0).sqrt() } else { 0.0 };
+    let range = |values: &mut dyn Iterator<Item = f64>| {
+        let [low, high] = hull(values);
+        high - low
+    };
+    let mut random = SplitMix64(SEED);
+    let draws = (VALUES / means.len()).clamp(1, DRAWS);
+    let mut simulated = || range(&mut means.iter().map(|(m, std)| shrunk * m + std * random.normal()));
+    let mean = (0..draws).map(|_| simulated()).sum::<f64>() / draws as f64;
+    (mean - range(&mut means.iter().map(|m| shrunk * m.0))).max(0.0)
 }
 
 impl Reduction {
@@ -248,13 +288,28 @@ mod tests {
     }
 
     #[test]
+    fn the_interval_of_what_noise_alone_leaves_reaches_zero() {
+        // ten repeats of noise of unit variance at 21 places: compensation without an error, and with one as large as the noise
+        for (size, least) in [(0.0, 0.9), (2.0, 0.9)] {
+            let truth: Vec<f64> = (0..21).map(|p| size * (f64::from(p) / 20.0 - 0.5)).collect();
+            let rms = (truth.iter().map(|v| v * v).sum::<f64>() / 21.0).sqrt();
+            let holds = |u: Uncertain, truth: f64| (u.value - truth).abs() <= 2.0 * u.std.unwrap();
+            let all: Vec<Size> = (0..200).map(|k| Size::of(&test(size, 210 * k), true).unwrap()).collect();
+            let share = |of: &dyn Fn(&Size) -> bool| all.iter().filter(|s| of(s)).count() as f64 / 200.0;
+            let [of_range, of_rms] = [share(&|s| holds(s.range, size)), share(&|s| holds(s.rms, rms))];
+            assert!(of_range >= least && of_rms >= least, "{size}: {of_range} {of_rms}");
+        }
+    }
+
+    #[test]
     fn one_reading_at_each_place_states_no_uncertainty() {
         let one: Vec<Placed> = (0..5).map(|place| Placed { curve: 0, place, value: place as f64 }).collect();
         let size = Size::of(&one, true).unwrap();
         assert_eq!((size.range.value, size.range.std), (4.0, None));
-        let run = test(10.0, 0);
+        // far larger than the noise, to which its range owes nothing
+        let run = test(1e4, 0);
         let [repeated, of_one_run] = [true, false].map(|r| Size::of(&run, r).unwrap().range.std.unwrap());
-        assert!((of_one_run / repeated - 10f64.sqrt()).abs() < 1e-9);
+        assert!((of_one_run / repeated - 10f64.sqrt()).abs() < 0.02);
         assert!(Size::of(&[], true).is_none());
         let nothing = Uncertain { value: 0.0, std: None };
         assert!(Reduction::of(nothing, size.range).is_none());

@@ -446,3 +446,48 @@ fn a_column_in_another_unit_is_noted_or_refused_alike() {
         }
     }
 }
+
+/// Two runs of an axis with an error motion of each quantity: a scale, a bow and a pitch.
+fn motions([scale_um_per_m, bow_um, pitch_arcsec_per_m]: [f64; 3]) -> String {
+    let mut text = "position_mm,cycle,exx_um,eyx_um,eax_arcsec\n".to_owned();
+    for (cycle, shift) in [(1, 0.05), (2, -0.05)] {
+        for x in (0..=800).step_by(100).map(f64::from) {
+            let bow = bow_um * (1.0 - (x / 400.0 - 1.0).powi(2)) + shift;
+            let [scale, pitch] = [scale_um_per_m, pitch_arcsec_per_m].map(|v| 1e-3 * v * x + shift);
+            writeln!(text, "{x},{cycle},{scale},{bow},{pitch}").unwrap();
+        }
+    }
+    text
+}
+
+#[test]
+fn error_motions_of_one_quantity_are_verified_about_what_they_count_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    write(d, "before.csv", &motions([40.0, 5.0, 4.0]));
+    write(d, "after.csv", &motions([1.0, 0.5, 0.0]));
+    let args = |more: &[&'static str]| {
+        [&["verify", "--before", "before.csv", "--after", "after.csv"], more].concat()
+    };
+    let said = refused(d, &args(&[]));
+    assert!(
+        said.contains("before.csv: exx_um (positioning) and eyx_um (straightness) have no range"),
+        "{said}"
+    );
+    assert!(said.contains("--columns exx_um"), "{said}");
+    for (column, test, [before, after]) in [
+        ("exx_um", "positioning", [32.0, 0.8]),
+        ("eyx_um", "straightness", [5.0, 0.5]),
+        ("eax_arcsec", "angular", [3.2, 0.0]),
+    ] {
+        let (out, _) = ok(d, &args(&["--columns", column, "--json"]));
+        let out: Value = serde_json::from_str(&out).unwrap();
+        assert_eq!(out["test"], test);
+        let unit = if test == "angular" { "arcsec" } else { "um" };
+        for (key, wanted) in [("before", before), ("after", after)] {
+            let range = out["range"][format!("{key}_{unit}")].as_f64().unwrap();
+            assert!((range - wanted).abs() < 1e-9, "{column} {key}: {range}");
+        }
+    }
+    assert!(refused(d, &args(&["--columns", "ezx_um"])).contains("ezx_um"));
+}
