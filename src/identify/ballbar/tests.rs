@@ -382,6 +382,30 @@ fn what_is_not_modelled_widens_the_uncertainty() {
 }
 
 #[test]
+fn a_length_that_is_hardly_known_leaves_the_mismatch_of_the_scales() {
+    let mut machine = all();
+    machine.scale = [60e-6, 10e-6];
+    let xy = analyse(&machine.circles(&BOTH, 3000.0, 1), &REQUEST).unwrap();
+    let scale = |length_std: Option<f64>, name: &str| {
+        let found = assemble(core::slice::from_ref(&xy), length_std).unwrap();
+        let symbol = ErrorSymbol::parse(name).unwrap();
+        let curve = found.into_iter().find(|e| e.symbol == symbol).unwrap().curve;
+        // a whole number of pitches apart, both directions
+        let [low, high] = [-1.0, 1.0].map(|sign| {
+            let at = |travel| curve.value(CENTRE[usize::from(name == "eyy")] + sign * 5.0 * PITCH, travel);
+            (at(Travel::Forward) + at(Travel::Reverse)) / 2.0
+        });
+        (high - low) / (10.0 * PITCH)
+    };
+    for length_std in [None, Some(0.0002), Some(0.0025), Some(1.0)] {
+        let [x, y] = ["exx", "eyy"].map(|name| scale(length_std, name));
+        assert!((x - y - 50e-6).abs() < 1e-6, "{length_std:?}: {x} {y}");
+        let mean = if length_std.is_some_and(|s| s < 0.1) { 35e-6 - 0.001 / R } else { 0.0 };
+        assert!(((x + y) / 2.0 - mean).abs() < 1e-6, "{length_std:?}: {x} {y}");
+    }
+}
+
+#[test]
 fn the_model_gets_what_it_can_hold() {
     let machine = all();
     let xy = analyse(&machine.circles(&BOTH, 3000.0, 1), &REQUEST).unwrap();

@@ -5,6 +5,7 @@ pub(crate) mod report;
 use crate::identify::prelude::*;
 use volcomp_evaluate::circle_prediction::predict;
 use volcomp_evaluate::circular::CircularReading;
+use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_identify::assemble::mirrored_curve;
 use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
@@ -236,6 +237,13 @@ impl Found for Outcome<'_> {
             note!("note: no squareness, scale, straightness, backlash or cyclic error is significant");
         }
         let axes = plans.iter().flat_map(|p| p.circles.plane.axes());
+        if args.length_std_um.is_none()
+            && found.iter().any(|one| one.symbol == positioning_symbol(one.symbol.axis()))
+        {
+            note!(
+                "note: without --length-std-um the mean scale of the axes of a plane is taken for zero; std-um does not hold it"
+            );
+        }
         let mut model = args.out.base(|| default_chain(axes))?;
         let sources = Sources::of(&files);
         for one in &found {
