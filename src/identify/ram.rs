@@ -19,6 +19,8 @@ use volcomp_model::statistics::ChiSquare;
 pub struct Head {
     /// From the Z reference point to the A axis at home, mm.
     pub a_axis: Vec3,
+    /// From the Z reference point to a point on the C axis, mm; zero where it lies on it.
+    pub c_axis: Vec3,
     /// From the A axis to the tip, mm.
     pub tool_length: f64,
 }
@@ -143,12 +145,13 @@ impl HeadPose {
 impl Head {
     /// Tool direction and lever from the Z reference point to the tip at a pose.
     ///
-    /// # Source  equations 2.2: `l = Rz(C) (a0 + Rx(A) (0, 0, -L))`
+    /// # Source  equations 2.2: `l = c0 + Rz(C) (a0 - c0 + Rx(A) (0, 0, -L))`
     #[must_use]
     pub fn at(&self, c: f64, a: f64) -> (Vec3, Vec3) {
         let (turn_c, turn_a) = (rotation_about(2, c), rotation_about(0, a));
         let direction = turn_c * turn_a * Vec3::z();
-        let lever = turn_c * (self.a_axis + turn_a * Vec3::new(0.0, 0.0, -self.tool_length));
+        let from_c = self.a_axis - self.c_axis + turn_a * Vec3::new(0.0, 0.0, -self.tool_length);
+        let lever = self.c_axis + turn_c * from_c;
         (direction, lever)
     }
 }
@@ -243,7 +246,8 @@ mod tests {
 
     use super::*;
 
-    const HEAD: Head = Head { a_axis: Vec3::new(-0.2, 0.1, -190.0), tool_length: 220.0 };
+    const HEAD: Head =
+        Head { a_axis: Vec3::new(-0.2, 0.1, -190.0), c_axis: Vec3::new(0.0, 0.0, 0.0), tool_length: 220.0 };
     const NOISE: RamNoise = RamNoise { position: 0.002, direction: 1e-5 };
     const TRUTH: [f64; 6] = [0.012, -0.02, 0.007, 4e-5, -3e-5, 5e-5];
 
@@ -281,6 +285,20 @@ mod tests {
             );
         }
         assert_eq!((fit.rank, fit.dof), (6, 14));
+    }
+
+    #[test]
+    fn the_reference_point_need_not_lie_on_the_c_axis() {
+        let off = Vec3::new(40.0, -25.0, 60.0);
+        let head = Head { a_axis: HEAD.a_axis + off, c_axis: off, ..HEAD };
+        let fit = solve(&head, &poses(), &NOISE, None).unwrap();
+        let (shift, turn) =
+            (Vec3::new(TRUTH[0], TRUTH[1], TRUTH[2]), Vec3::new(TRUTH[3], TRUTH[4], TRUTH[5]));
+        let wanted = shift - turn.cross(&off);
+        for i in 0..3 {
+            assert!((fit.motion[i] - wanted[i]).abs() < 3e-6, "{i}: {} {wanted}", fit.motion[i]);
+            assert!((fit.motion[3 + i] - turn[i]).abs() < 5e-9, "{}", fit.motion);
+        }
     }
 
     #[test]

@@ -23,6 +23,10 @@ pub(crate) struct Args {
     /// From the reference point of the ram to the A axis, head at home.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     a_axis_mm: Option<Vec3>,
+    /// From the reference point of the ram to a point on the C axis; by default as the --head model states the axis, without one
+    /// zero: the reference point lies on it.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    c_axis_mm: Option<Vec3>,
     /// From the A axis to the tool tip.
     #[arg(long, value_name = "MM", value_parser = above_zero)]
     tool_length_mm: Option<f64>,
@@ -100,6 +104,7 @@ impl Method for Args {
         let case: Case = file.read()?;
         let head = Head {
             a_axis: Vec3::from(case.head.A_axis_from_Z_reference),
+            c_axis: Vec3::zeros(),
             tool_length: case.head.tool_length,
         };
         let pose = |p: &CasePose| {
@@ -131,7 +136,7 @@ impl Method for Args {
                 "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions"
             ));
         };
-        let head = Head { a_axis, tool_length };
+        let head = Head { a_axis, c_axis: self.c_axis()?, tool_length };
         let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
         let stops = self.stops(&head)?;
         let known = self.prior.as_deref().map(read_model).transpose()?.map(|m| m.0);
@@ -199,6 +204,16 @@ fn warn(fits: &[RamFit]) {
 }
 
 impl Args {
+    /// From the reference point to the C axis, mm.
+    fn c_axis(&self) -> Result<Vec3> {
+        let (None, Some(head)) = (self.c_axis_mm, &self.head) else {
+            return Ok(self.c_axis_mm.unwrap_or_default());
+        };
+        let point = read_model_file(head)?.spec.axis(AxisName::C).point;
+        // nobody stated it
+        Ok(if point == Vec3::zeros() { point } else { point - self.reference_mm })
+    }
+
     /// The poses by position of the ram, what the head does taken off.
     fn stops(&self, head: &Head) -> Result<Stops<HeadPose>> {
         let mut stops = Stops::default();
