@@ -164,3 +164,35 @@ fn a_box_of_diagonals_lies_in_the_travel_of_the_model() {
         "{said}"
     );
 }
+
+#[test]
+fn a_spindle_found_by_circles_is_where_the_tip_says_and_moves_nothing_along_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    // an axis 20 um beside (100, 200) mm, tilted by 30 and -20 arcsec about the tip
+    let (tilt, shift) = ([30.0, -20.0].map(|a: f64| (a / 3600.0).to_radians()), [0.02, -0.01]);
+    let mut points = "circle,x_mm,y_mm,z_mm\n".to_owned();
+    for (circle, height) in [(1, 250.0), (2, 100.0)] {
+        for k in 0..72 {
+            let (sin, cos) = f64::from(5 * k).to_radians().sin_cos();
+            let (x, y) = (80.0 * cos, 80.0 * sin);
+            // a small rotation about x and y turns (x, y, height) about the tip
+            let turned = [x + tilt[1] * height, y - tilt[0] * height, height + tilt[0] * y - tilt[1] * x];
+            let at = [100.0 + shift[0] + turned[0], 200.0 + shift[1] + turned[1], -300.0 + turned[2]];
+            writeln!(points, "{circle},{},{},{}", at[0], at[1], at[2]).unwrap();
+        }
+    }
+    std::fs::write(d.join("circles.csv"), points).unwrap();
+    let args = ["identify", "circles", "--data", "circles.csv", "--tip-beyond-mm", "100"];
+    let more = ["--nominal-tip-mm", "100,200,-300", "--chain", "[w b X Y Z (S) t]", "--out", "m.toml"];
+    ok(d, &[args, more[..6].try_into().unwrap()].concat());
+    let model = std::fs::read_to_string(d.join("m.toml")).unwrap();
+    assert!(model.contains("point-mm = [100, 200, 0]"), "{model}");
+    std::fs::write(d.join("p.csv"), "x_mm,y_mm,z_mm\n0,0,0\n").unwrap();
+    let table = ok(d, &["predict", "--model", "m.toml", "--points", "p.csv", "--out", "-"]);
+    let [names, values] = [0, 1].map(|i| table.lines().nth(i).unwrap().split(',').collect::<Vec<_>>());
+    for (name, wanted) in [("dx_um", 20.0), ("dy_um", -10.0), ("dz_um", 0.0)] {
+        let value: f64 = values[names.iter().position(|n| *n == name).unwrap()].parse().unwrap();
+        assert!((value - wanted).abs() < 0.01, "{name} {value}: {table}");
+    }
+}

@@ -44,7 +44,12 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         ));
     }
     let mut model = args.model.base(|| default_chain([AxisName::S]))?;
-    let point = model.spec.axis_mut(AxisName::S).point;
+    let axis = model.spec.axis_mut(AxisName::S);
+    // the tip as it should be lies on the axis: about another point a tilt would move it along the axis, too
+    if axis.point == Vec3::zeros() {
+        axis.point = Vec3::new(nominal_tip.x, nominal_tip.y, 0.0);
+    }
+    let point = axis.point;
     let turn = found.direction_error;
     // loc + turn x (tip - point) is what the tip is off
     let shift = (found.tip - nominal_tip) - turn.cross(&(nominal_tip - point));
