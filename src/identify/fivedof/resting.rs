@@ -278,7 +278,7 @@ impl Calibration {
             .collect();
         let (gain, path, chi2) = weighted_line(&levers);
         gain.check(detector, direction)?;
-        if let Some(response) = push_response(blocks, psd, qd, i, &slopes) {
+        if let Some(response) = push_response(blocks, psd, qd, i, &self.distances) {
             if !(1.6..=2.4).contains(&response.abs()) {
                 return Err(RestingError::Push { detector, direction, response });
             }
@@ -375,31 +375,21 @@ fn weighted_line(points: &[(f64, Estimate)]) -> (Estimate, Estimate, f64) {
     )
 }
 
-/// Reading of a quadrant detector per length pushed, pointing taken out; `None` without pushes.
-fn push_response(
-    blocks: &[Block<'_>],
-    psd: usize,
-    qd: usize,
-    i: usize,
-    slopes: &[(f64, Estimate)],
-) -> Option<f64> {
+/// Reading of a quadrant detector per length pushed: least squares on push and pointing at each distance, so that neither takes what the
+/// other says; `None` without pushes.
+fn push_response(log: &[Block<'_>], psd: usize, qd: usize, i: usize, distances: &[f64]) -> Option<f64> {
     let mut sums = (0.0, 0.0);
-    for (d, slope) in slopes {
-        let here: Vec<(f64, f64, f64)> = blocks
-            .iter()
-            .filter(|b| same(b[0].distance, *d))
-            .map(|b| {
-                let n = b.len() as f64;
-                let mean = |c: usize| b.iter().map(|r| r.channels[c][i]).sum::<f64>() / n;
-                (n, b[0].push[i], mean(qd) - slope.value * mean(psd))
-            })
-            .collect();
-        let n: f64 = here.iter().map(|h| h.0).sum();
-        let (cx, cy) = here.iter().fold((0.0, 0.0), |s, h| (s.0 + h.0 * h.1 / n, s.1 + h.0 * h.2 / n));
-        for (n, push, seen) in here {
-            sums.0 += n * (push - cx).powi(2);
-            sums.1 += n * (push - cx) * (seen - cy);
-        }
+    for d in distances {
+        let here: Vec<&RestingReading> =
+            log.iter().filter(|b| same(b[0].distance, *d)).copied().flatten().collect();
+        let n = here.len() as f64;
+        let values = here.iter().map(|r| [r.channels[psd][i], r.push[i], r.channels[qd][i]]);
+        let mean: [f64; 3] = std::array::from_fn(|k| values.clone().map(|v| v[k]).sum::<f64>() / n);
+        let about =
+            |k: usize, l: usize| -> f64 { values.clone().map(|v| (v[k] - mean[k]) * (v[l] - mean[l])).sum() };
+        let of_pointing = about(0, 1) / about(0, 0).max(f64::MIN_POSITIVE);
+        sums.0 += about(1, 1) - of_pointing * about(0, 1);
+        sums.1 += about(1, 2) - of_pointing * about(0, 2);
     }
     (sums.0 > 0.0).then(|| sums.1 / sums.0)
 }
