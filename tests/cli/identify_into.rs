@@ -185,8 +185,9 @@ fn a_spindle_found_by_circles_is_where_the_tip_says_and_moves_nothing_along_it()
     std::fs::write(d.join("circles.csv"), points).unwrap();
     let args = ["identify", "circles", "--data", "circles.csv", "--tip-beyond-mm", "100"];
     let more = ["--nominal-tip-mm", "100,200,-300", "--chain", "[w b X Y Z (S) t]", "--out", "m.toml"];
-    ok(d, &[args, more[..6].try_into().unwrap()].concat());
+    ok(d, &[&args[..], &more].concat());
     let model = std::fs::read_to_string(d.join("m.toml")).unwrap();
+    assert!(model.contains("tool-tip-mm = [100, 200, -300]"), "{model}");
     assert!(model.contains("point-mm = [100, 200, 0]"), "{model}");
     std::fs::write(d.join("p.csv"), "x_mm,y_mm,z_mm\n0,0,0\n").unwrap();
     let table = ok(d, &["predict", "--model", "m.toml", "--points", "p.csv", "--out", "-"]);

@@ -44,6 +44,9 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         ));
     }
     let mut model = args.model.base(|| default_chain([AxisName::S]))?;
+    if model.spec.tool_tip == Vec3::zeros() {
+        model.spec.tool_tip = nominal_tip;
+    }
     let axis = model.spec.axis_mut(AxisName::S);
     // the tip as it should be lies on the axis: about another point a tilt would move it along the axis, too
     if axis.point == Vec3::zeros() {
