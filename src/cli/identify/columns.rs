@@ -41,6 +41,7 @@ pub(crate) fn hint(name: &str, names: &[String], columns: impl core::fmt::Displa
 pub(crate) fn named_points(path: &Path, column: &str, wrong: fn(&str) -> String) -> Result<Vec<Named>> {
     let mut table = table::open(path)?;
     let (name, at) = (table.column(column)?, table.three(["x_mm", "y_mm", "z_mm"])?);
+    table.only_known()?;
     let mut points: Vec<Named> = Vec::new();
     table.rows(|row| {
         let word = row.word(name);
@@ -104,9 +105,9 @@ impl Columns {
         }
     }
 
-    /// Refuses columns that were not asked for, and names those that were.
+    /// Refuses columns that were not asked for, and names the nearest of those that were, or else all.
     pub(crate) fn only_known(&self) -> Result<()> {
-        self.only_asked(|_| format!("columns are {}", self.known.join(", ")))
+        self.only_asked(|column| hint(column, &self.known, self.known.join(", ")))
     }
 
     /// A number of the current row, mm or rad.

@@ -1,6 +1,5 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
-use super::columns::hint;
 use crate::identify::prelude::*;
 use volcomp_identify::grinder::{
     Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
@@ -150,7 +149,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
     let axes: Vec<[Option<Column>; 2]> = axes.collect();
     let tool = TOOL.map(|n| table.find_column(n));
     let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find_column(n));
-    table.only_asked(|column| hint(column, &table.known, table.known.join(", ")))?;
+    table.only_known()?;
     if !matches!(tool.iter().flatten().count(), 0 | 3) {
         return Err(data!(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }

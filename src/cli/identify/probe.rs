@@ -112,7 +112,7 @@ impl Args {
         let mut table = table::open(path)?;
         let (y, height, angle) =
             (table.column("y_mm")?, table.find_column("z_mm"), table.find_column("b_deg"));
-        table.only_asked(|_| "columns are y_mm, z_mm, b_deg".to_owned())?;
+        table.only_known()?;
         let arm = self.arm_mm.zip(self.arm_zero_deg);
         let arm = arm.map(|(length, zero)| Arm { length, zero: rad_from_deg(zero) });
         match (height, arm) {

@@ -170,9 +170,7 @@ fn between(args: &Args, frame: &Frame, second: Option<&Frame>, circles: &[Vec<Ve
 fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>; 2]) -> Result<()> {
     let mut table = table::open(path)?;
     let circle = table.column("circle")?;
-    let at = PointColumns::find(&mut table, "").ok_or_else(|| {
-        data!(path, "columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing")
-    })?;
+    let at = PointColumns::of_table(&mut table)?;
     at.check_frame(tracker, frame, path)?;
     table.rows(|row| {
         let which = match row.value(circle)? {

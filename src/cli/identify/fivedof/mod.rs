@@ -136,11 +136,6 @@ fn read_channels(row: &Columns, columns: &ChannelColumns) -> Result<Channels> {
     Ok(channels)
 }
 
-/// Where the reader of a message finds the columns.
-fn see_help(_: &str) -> String {
-    "--help names the columns".to_owned()
-}
-
 /// A run as read.
 struct Run {
     rows: Vec<Reading>,
@@ -153,7 +148,7 @@ fn read_run(path: &Path, axis: AxisName) -> Result<Run> {
     let (at, distance) = (table.run("position_mm")?, table.column("distance_mm")?);
     let channels = channel_columns(&mut table, axis)?;
     let level = table.find_column("level_arcsec");
-    table.only_asked(see_help)?;
+    table.only_known()?;
     let mut levels: Vec<(f64, f64)> = Vec::new();
     let mut reference: Option<Channels> = None;
     let rows = table.some_rows(|row| {

@@ -1,0 +1,145 @@
+//! What the methods of `identify` refuse in a table: unknown columns, a part of a point, readings that no machine has.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes files")]
+
+use std::fmt::Write;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn identify(folder: &Path, line: &str) -> Output {
+    let words = line.split_whitespace();
+    Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .current_dir(folder)
+        .arg("identify")
+        .args(words)
+        .output()
+        .unwrap()
+}
+
+/// Stdout and stderr of a run that succeeds.
+fn ok(folder: &Path, line: &str) -> (String, String) {
+    let output = identify(folder, line);
+    let [out, said] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());
+    assert!(output.status.success(), "{line}: {said}");
+    (out, said)
+}
+
+/// The message of a run that is refused as bad data.
+fn refused(folder: &Path, line: &str) -> String {
+    let output = identify(folder, line);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(65), "{line}: {said}");
+    said
+}
+
+fn write(folder: &Path, name: &str, text: &str) {
+    std::fs::write(folder.join(name), text).unwrap();
+}
+
+/// Poses of a head at three positions of the ram, which leans by 5 arcsec per 100 mm about X; `column` holds the position.
+fn poses(column: &str) -> String {
+    let mut text =
+        format!("{column},c_deg,a_deg,tip_x_um,tip_y_um,tip_z_um,dir_x_arcsec,dir_y_arcsec,dir_z_arcsec\n");
+    for (position, (c, a)) in [0, 100, 200].into_iter().flat_map(|p| [(0, 30), (90, -40)].map(|h| (p, h))) {
+        let lean = f64::from(position) / 20.0;
+        writeln!(text, "{position},{c},{a},{lean},{lean},0,0,{},0", -lean).unwrap();
+    }
+    text
+}
+
+const RAM: &str =
+    "ram --a-axis-mm 0,0,-180 --tool-length-mm 320 --sigma-position-um 50 --sigma-direction-arcsec 50";
+
+#[test]
+fn the_position_of_a_ram_is_the_column_of_its_axis() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    for column in ["y_mm", "z_mm", "yy_mm"] {
+        write(d, &format!("{column}.csv"), &poses(column));
+    }
+    for name in ["y_mm.csv", "z_mm.csv"] {
+        let (out, _) = ok(d, &format!("{RAM} --axis y --data {name}"));
+        assert!(out.contains("Y at 3 stops"), "{out}");
+    }
+    let said = refused(d, &format!("{RAM} --axis y --data yy_mm.csv"));
+    assert!(said.contains("yy_mm.csv:1:1: yy_mm: unknown column; is y_mm meant?"), "{said}");
+    // a ram along Z has no position along Y
+    let said = refused(d, &format!("{RAM} --data y_mm.csv"));
+    assert!(said.contains("y_mm.csv:1:1: y_mm: unknown column"), "{said}");
+}
+
+#[test]
+fn columns_that_are_not_known_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    write(d, "circles.csv", "circle,x_mm,y_mm,z_mm,registraton\n1,0,0,0,1\n");
+    write(d, "points.csv", "point,x_mm,y_mm,z_mm,weigth\np1,0,0,0,1\n");
+    write(d, "lines.csv", "line,x_mm,y_mm,z_mm,weigth\nl1,0,0,0,1\n");
+    let registration = "point,machine_x_mm,machine_y_mm,machine_z_mm,x_mm,y_mm,z_mm,machine_z\n";
+    write(d, "registration.csv", &format!("{registration}r1,0,0,0,0,0,0,0\n"));
+    write(d, "rigid.csv", "position_mm,a_x_mm,a_y_mm,a_z_mm,cycles\n0,0,0,0,1\n");
+    write(d, "motion.csv", "position_mm\n0\n");
+    for (line, named) in [
+        (
+            "circles --tip-beyond-mm 120 --data circles.csv",
+            "circles.csv:1:23: registraton: unknown column; columns are",
+        ),
+        (
+            "threepoint --axis x --data motion.csv --points points.csv",
+            "points.csv:1:22: weigth: unknown column; columns are",
+        ),
+        (
+            "nineline --axis x --noise-um 1 --data motion.csv --lines lines.csv",
+            "lines.csv:1:21: weigth: unknown column",
+        ),
+        (
+            "circles --tip-beyond-mm 120 --data circles.csv --registration registration.csv",
+            "registration.csv:1:61: machine_z: unknown column; machine_z states no unit: name it machine_z_mm",
+        ),
+        ("threepoint --rigidity --data rigid.csv", "rigid.csv:1:34: cycles: unknown column; is cycle meant?"),
+    ] {
+        let said = refused(d, line);
+        assert!(said.contains(named), "{line}: {said}");
+    }
+}
+
+#[test]
+fn a_part_of_the_columns_of_a_point_is_refused_and_a_point_without_columns_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    let names = ["p1", "p2", "p3", "p4"];
+    let places = [[0.0, 0.0, 0.0], [300.0, 0.0, 0.0], [0.0, 200.0, 0.0], [0.0, 0.0, 100.0]];
+    let mut points = "point,x_mm,y_mm,z_mm\n".to_owned();
+    let mut head = "position_mm".to_owned();
+    for (name, [x, y, z]) in names.iter().zip(places) {
+        writeln!(points, "{name},{x},{y},{z}").unwrap();
+        write!(head, ",{name}_x_mm,{name}_y_mm,{name}_z_mm").unwrap();
+    }
+    let mut data = head + "\n";
+    for position in [0.0, 100.0, 200.0] {
+        write!(data, "{position}").unwrap();
+        for [x, y, z] in places {
+            write!(data, ",{},{y},{z}", x + position).unwrap();
+        }
+        data.push('\n');
+    }
+    // without the columns from the given one on, up to another
+    let without = |from: usize, to: usize| {
+        let keep = |line: &str| {
+            let fields = line.split(',').enumerate().filter(|(k, _)| !(from..to).contains(k));
+            fields.map(|(_, field)| field).collect::<Vec<_>>().join(",") + "\n"
+        };
+        data.lines().map(keep).collect::<String>()
+    };
+    write(d, "points.csv", &points);
+    write(d, "part.csv", &without(2, 3));
+    write(d, "three.csv", &without(1, 4));
+    let line = "threepoint --axis x --points points.csv --noise-um 1 --data";
+    let said = refused(d, &format!("{line} part.csv"));
+    assert!(said.contains("part.csv:1: p1_y_mm is missing beside p1_x_mm, p1_z_mm"), "{said}");
+    let said = refused(d, "threepoint --rigidity --data part.csv");
+    assert!(said.contains("part.csv:1: p1_y_mm is missing"), "{said}");
+    let (_, said) = ok(d, &format!("{line} three.csv"));
+    assert!(said.contains("three.csv: no columns of point p1, which is left out"), "{said}");
+}
