@@ -143,3 +143,78 @@ fn a_part_of_the_columns_of_a_point_is_refused_and_a_point_without_columns_named
     let (_, said) = ok(d, &format!("{line} three.csv"));
     assert!(said.contains("three.csv: no columns of point p1, which is left out"), "{said}");
 }
+
+/// A row with a value that no machine has is refused with its place and the unit it may have been in.
+#[test]
+fn readings_larger_than_any_machine_has_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    let diagonal = |name: &str| format!("{name},1,1,0,0\n{name},1,1,300,1\n");
+    let diagonals = ["ppp", "npp", "pnp"].map(diagonal).concat();
+    let tables = [
+        ("lines.csv", "line,x_mm,y_mm,z_mm\nl1,0,0,0\nl2,0,100,0\n".to_owned()),
+        ("nineline.csv", "position_mm,l1_dx_um\n0,1\n100,40000\n".to_owned()),
+        ("straightness.csv", "position_mm,eyx_um,ecx_arcsec\n0,1,0\n100,1,4e4\n".to_owned()),
+        ("ram.csv", poses("z_mm") + "300,0,30,1e29,0,0,0,0,0\n"),
+        (
+            "diagonals.csv",
+            format!("diagonal,cycle,direction,target_mm,deviation_um\n{diagonals}ppn,1,1,0,0\nppn,1,1,300,40000\n"),
+        ),
+        ("grinder.csv", "x_mm,dx_um,dy_um,dz_um\n0,0,0,0\n10,0,-40000,0\n".to_owned()),
+        ("kalman.csv", "x_mm,y_mm,z_mm,eaz_arcsec\n0,0,0,1\n10,0,0,5000\n".to_owned()),
+        ("ballbar.csv", "angle_deg,deviation_um,direction\n0,1,1\n1,40000,1\n".to_owned()),
+        (
+            "fivedof.csv",
+            "position_mm,distance_mm,psd1_y_um,psd1_z_um,psd2_y_um,psd2_z_um,psd3_y_um,psd3_z_um,qd1_y_um,qd1_z_um,\
+             qd2_y_um,qd2_z_um\n0,400,0,0,0,0,0,0,0,0,0,0\n100,500,0,0,0,0,0,0,0,0,0,40000\n"
+                .to_owned(),
+        ),
+        (
+            "head.toml",
+            "format = \"volcomp-fivedof/1\"\nfocal-mm = { psd1 = 200, psd2 = 200, psd3 = 200 }\n\
+             beam-1-mm = [-30, 0]\nbeam-2-mm = [30, 0]\n"
+                .to_owned(),
+        ),
+    ];
+    for (name, text) in tables {
+        write(d, name, &text);
+    }
+    let nm = "40000 µm; the limit is 5000 µm: were these values in nm, not in µm?";
+    for (line, place, what) in [
+        (
+            "nineline --axis x --noise-um 1 --lines lines.csv --data nineline.csv",
+            "nineline.csv:3:5: l1_dx_um",
+            nm,
+        ),
+        (
+            "straightness --axis x --data straightness.csv",
+            "straightness.csv:3:7: ecx_arcsec",
+            "40000 arcsec; the limit is 2063 arcsec: were these values in nrad",
+        ),
+        (
+            &format!("{RAM} --data ram.csv"),
+            "ram.csv:8:10: tip_x_um",
+            "are these positions instead of deviations?",
+        ),
+        (
+            "diagonals --box-mm 200,200,100 --accept-bias-arcsec 5 --data diagonals.csv",
+            "diagonals.csv:9: deviation_um",
+            nm,
+        ),
+        ("grinder --step x=grinder.csv", "grinder.csv:3:6: dy_um", nm),
+        (
+            "kalman --first 0,100 --second 0,100 --third 0,100 --sigma 5 --noise 1 --data kalman.csv",
+            "kalman.csv:3:8: eaz_arcsec",
+            "were these values in urad, not in arcsec?",
+        ),
+        (
+            "ballbar --radius-mm 150 --centre-mm 0,0,0 --data xy=ballbar.csv",
+            "ballbar.csv:3:3: deviation_um",
+            nm,
+        ),
+        ("fivedof --axis x --calibration head.toml --data fivedof.csv", "fivedof.csv:3:", nm),
+    ] {
+        let said = refused(d, line);
+        assert!(said.contains(place) && said.contains(what), "{line}: {said}");
+    }
+}

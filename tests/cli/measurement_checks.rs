@@ -431,9 +431,14 @@ fn a_column_in_another_unit_is_noted_or_refused_alike() {
     };
     write(d, "mm.csv", &test(1e-3));
     write(d, "nm.csv", &test(2e3));
-    for (name, code, named) in [
-        ("mm.csv", 0, "(largest 0.0052 µm): is "),
-        ("nm.csv", 65, "reaches 10400 µm; the limit is 5000 µm: were these values in nm, not in µm?"),
+    for (name, code, place, named) in [
+        ("mm.csv", 0, "mm.csv: ", "(largest 0.0052 µm): is "),
+        (
+            "nm.csv",
+            65,
+            "nm.csv:19: ",
+            "reaches 10400 µm; the limit is 5000 µm: were these values in nm, not in µm?",
+        ),
     ] {
         for args in [
             &["evaluate", "iso230-2", "--data", name][..],
@@ -442,7 +447,7 @@ fn a_column_in_another_unit_is_noted_or_refused_alike() {
             let output = volcomp(d, args);
             let said = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(code), "{args:?}: {said}");
-            assert!(said.contains(named), "{args:?}: {said}");
+            assert!(said.contains(place) && said.contains(named), "{args:?}: {said}");
         }
     }
 }

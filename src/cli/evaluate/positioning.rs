@@ -12,6 +12,7 @@ use crate::prelude::*;
 use crate::start_up::{self, StartUp, in_report_units, words};
 use volcomp_evaluate::uncertainty::OfFigure;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
+use volcomp_formats::positioning_test::PositioningTest;
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
 ///
@@ -84,7 +85,7 @@ fn read(
     }
     let conditions = uncertainty.conditions(test.kind)?;
     let uncertainties = Uncertainties::of(&result, &conditions, result.length());
-    check_unit(path, test.kind, &readings)?;
+    check_unit(path, &test, &readings)?;
     uncertainty_note(path, &result, &uncertainties);
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
@@ -94,10 +95,11 @@ fn read(
 }
 
 /// Looks at the unit of the deviations.
-fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<()> {
-    let values = readings.iter().map(|r| r.deviation);
-    let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
-    check_size(&path.display().to_string(), column, values, kind == AxisKind::Rotary)
+fn check_unit(path: &Path, test: &PositioningTest, readings: &[PositioningReading]) -> Result<()> {
+    let values = readings.iter().enumerate().map(|(i, r)| (r.deviation, test.line(i)));
+    let is_angle = test.kind == AxisKind::Rotary;
+    let column = if is_angle { "deviation_arcsec" } else { "deviation_um" };
+    check_size(&path.display().to_string(), column, values, is_angle)
 }
 
 /// States that the uncertainty leaves nothing of the result.

@@ -169,7 +169,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
         }
         for i in 0..3 {
             row.tip[i] = table.value_or(tool[i], row.tip[i])?;
-            row.deviation[i] = seen[i].map(|column| table.value(column)).transpose()?;
+            row.deviation[i] = seen[i].map(|column| table.deviation(column)).transpose()?;
         }
         Ok((table.line(), row))
     })

@@ -335,7 +335,7 @@ fn read(
     let mut last: Option<f64> = None;
     table.rows(|row| {
         let at = row.point(columns.positions)?.into();
-        let value = row.value(columns.value)? - offline_at(at);
+        let value = row.deviation(columns.value)? - offline_at(at);
         let mut passed_s = 0.0;
         if let Some(column) = columns.time {
             let now = row.value(column)?;

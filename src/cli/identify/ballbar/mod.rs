@@ -276,7 +276,7 @@ pub(crate) fn lines_and_samples(
     table.rows(|row| {
         let sample = Sample {
             angle: row.value(angle)?,
-            deviation: row.value(deviation)?,
+            deviation: row.deviation(deviation)?,
             travel: row.travel_of(Some(direction))?,
             feed: feed.map(|c| read_feed(row, c)).transpose()?,
             run: row.count_of(run)?,

@@ -4,6 +4,7 @@ mod vector;
 
 use crate::identify::prelude::*;
 use crate::positioning_data::TestColumns;
+use crate::units::beyond_machines;
 use volcomp_evaluate::Diagonal;
 use volcomp_identify::diagonals::measurement::{Measurement, Steps};
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
@@ -163,6 +164,9 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
             return Err(table.fail(name, what));
         };
         let mut reading = columns.reading(table)?;
+        if let Some(what) = beyond_machines(um_from_mm(reading.value), false) {
+            return Err(table.fail_row(format_args!("deviation_um {what}")));
+        }
         if !(-1e-3..=length * (1.0 + 1e-6) + 1e-3).contains(&reading.position) {
             let what = format_args!(
                 "{word}: target {} mm lies outside the diagonal of {length:.4} mm; is --box-mm right?",

@@ -131,7 +131,7 @@ fn channel_columns(table: &mut Columns, axis: AxisName) -> Result<ChannelColumns
 fn read_channels(row: &Columns, columns: &ChannelColumns) -> Result<Channels> {
     let mut channels = [[0.0; 2]; 5];
     for (value, column) in channels.as_flattened_mut().iter_mut().zip(columns.as_flattened()) {
-        *value = row.value(*column)?;
+        *value = row.deviation(*column)?;
     }
     Ok(channels)
 }
@@ -158,7 +158,7 @@ fn read_run(path: &Path, axis: AxisName) -> Result<Run> {
         let change = std::array::from_fn(|c| std::array::from_fn(|i| now[c][i] - zero[c][i]));
         let distance = row.value(distance)?;
         if let Some(column) = level.filter(|c| !row.word(*c).is_empty()) {
-            levels.push((reading.position, row.value(column)?));
+            levels.push((reading.position, row.deviation(column)?));
         }
         Ok((reading, Readings { distance, change }))
     })?;

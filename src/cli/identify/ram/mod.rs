@@ -254,8 +254,8 @@ fn poses(path: &Path, ram: AxisName, stops: &mut Stops<HeadPose>) -> Result<()> 
         stops.at(at).push(HeadPose {
             c: row.value(c)?,
             a: row.value(a)?,
-            tip_error: row.point(tip)?,
-            direction_error: row.point(axis)?,
+            tip_error: row.deviations(tip)?,
+            direction_error: row.deviations(axis)?,
         });
         Ok(())
     })?;
