@@ -218,3 +218,31 @@ fn readings_larger_than_any_machine_has_are_refused() {
         assert!(said.contains(place) && said.contains(what), "{line}: {said}");
     }
 }
+
+/// The message of a command line that is refused.
+fn usage(folder: &Path, line: &str) -> String {
+    let output = identify(folder, line);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(64), "{line}: {said}");
+    said
+}
+
+#[test]
+fn a_noise_of_zero_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for line in ["grinder --noise-um 0 --step x=x.csv", "probe --noise-um 0 --data p.csv --bar-radius-mm 15"]
+    {
+        let said = usage(folder.path(), line);
+        assert!(said.contains("'0' for '--noise-um <UM>'") && said.contains("above 0"), "{line}: {said}");
+    }
+}
+
+#[test]
+fn the_nodes_of_a_grid_may_begin_below_zero() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    write(d, "k.csv", "x_mm,y_mm,z_mm,eaz_arcsec\n-400,-10,0,1\n0,10,-50,1.2\n400,0,-100,0.8\n");
+    let (out, _) =
+        ok(d, "kalman --data k.csv --first -400,0,400 --second -10,10 --third -100,0 --sigma 5 --noise 1");
+    assert!(out.contains("3 readings, 0 rejected"), "{out}");
+}

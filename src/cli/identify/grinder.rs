@@ -47,7 +47,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "LETTERS", default_value = "all", value_parser = components)]
     motions: Components,
     /// Noise of a reading (standard deviation), where known: the rigidity of the tips is then tested against it.
-    #[arg(long, value_name = "UM")]
+    #[arg(long, value_name = "UM", value_parser = above_zero)]
     noise_um: Option<f64>,
     /// How the values at the positions become curves, in the model and in the corrections of --next.
     #[arg(long, value_parser = one_of(BASES), default_value = "table")]

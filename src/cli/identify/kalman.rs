@@ -28,13 +28,13 @@ pub(crate) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = linear_axis)]
     axes: Vec<AxisName>,
     /// Nodes along the first axis, mm.
-    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_hyphen_values = true)]
     first: Vec<f64>,
     /// Nodes along the second axis, mm.
-    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_hyphen_values = true)]
     second: Vec<f64>,
     /// Nodes along the third axis, mm.
-    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_hyphen_values = true)]
     third: Vec<f64>,
     /// How far the model may be wrong (k = 1), um or arcsec.
     #[arg(long, value_name = "STD", required_unless_present_any = ["input", "file"])]

@@ -43,7 +43,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MM")]
     ball_radius_mm: Option<f64>,
     /// Noise of a contact (standard deviation), where known: the fit is then tested against it.
-    #[arg(long, value_name = "UM")]
+    #[arg(long, value_name = "UM", value_parser = above_zero)]
     noise_um: Option<f64>,
     /// Reject contacts that lie off the circle by more than 4.5 standard deviations (at most a tenth of them).
     #[arg(long, alias = "reject-outliers")]
