@@ -7,6 +7,8 @@ use std::fmt::Write;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use serde_json::Value;
+
 fn identify(folder: &Path, line: &str) -> Output {
     let words = line.split_whitespace();
     Command::new(env!("CARGO_BIN_EXE_volcomp"))
@@ -217,6 +219,54 @@ fn readings_larger_than_any_machine_has_are_refused() {
         let said = refused(d, line);
         assert!(said.contains(place) && said.contains(what), "{line}: {said}");
     }
+}
+
+/// Four diagonals of a cube of 100 mm, three cycles out, whose end lies `open_um` too far along ppp and npp.
+fn diagonals(open_um: f64) -> String {
+    let mut text = "diagonal,cycle,direction,target_mm,deviation_um\n".to_owned();
+    for (name, sign) in [("ppp", 1.0), ("npp", -1.0), ("pnp", 0.0), ("ppn", 0.0)] {
+        for cycle in 1..=3 {
+            let end = sign * open_um + 2.0 * f64::from(cycle - 2);
+            let length = 100.0 * 3f64.sqrt();
+            writeln!(text, "{name},{cycle},1,0,0\n{name},{cycle},1,{length},{end}").unwrap();
+        }
+    }
+    text
+}
+
+const DIAGONALS: &str = "diagonals --box-mm 100,100,100 --accept-bias-arcsec 5 --data d.csv";
+
+#[test]
+fn a_noise_that_the_cycles_contradict_is_replaced_by_their_scatter() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    write(d, "d.csv", &diagonals(0.0));
+    let run = |more: &str| {
+        let (out, said) = ok(d, &format!("{DIAGONALS} --json {more}"));
+        (serde_json::from_str::<Value>(&out).unwrap(), said)
+    };
+    let (own, _) = run("");
+    let (fits, said) = run("--noise-um 2");
+    assert!(!said.contains("the cycles scatter"), "{said}");
+    assert!(fits["noise_p_value"].as_f64().unwrap() > 0.001 && own["noise_p_value"].is_null(), "{fits}");
+    let (doubted, said) = run("--noise-um 0.05");
+    assert!(said.contains("d.csv: the cycles scatter by 2.00 µm, 40.0 times the stated 0.05 µm"), "{said}");
+    assert!(said.contains("the uncertainties given are enlarged by 40.0"), "{said}");
+    assert_eq!(doubted["ec0y_std_arcsec"], own["ec0y_std_arcsec"]);
+    assert!((doubted["noise_factor"].as_f64().unwrap() - 40.0).abs() < 1e-9, "{doubted}");
+}
+
+#[test]
+fn a_squareness_that_no_machine_has_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    write(d, "d.csv", &diagonals(4000.0));
+    let said = refused(d, DIAGONALS);
+    assert!(said.contains("d.csv: the squareness EC0Y would be -714"), "{said}");
+    assert!(
+        said.contains("the limit is 2063 arcsec (10 mrad): were the readings in nm, not in µm"),
+        "{said}"
+    );
 }
 
 /// The message of a command line that is refused.

@@ -237,7 +237,7 @@ fn note(note: &Note, found: &Calibration) -> String {
             )
         }
         Note::MoreThanNoise { p_value } => format!(
-            "the distances from the circle are larger than the stated noise explains (probability {p_value:.1e}): is the bar round, the arm's length right?"
+            "the distances from the circle are larger than the stated noise explains (probability {p_value:.1e}): the uncertainties are from the distances; is the bar round, the arm's length right?"
         ),
     }
 }
