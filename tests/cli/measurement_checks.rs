@@ -451,3 +451,30 @@ fn a_column_in_another_unit_is_noted_or_refused_alike() {
         }
     }
 }
+
+#[test]
+fn readings_that_stand_twice_or_are_missing_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    let header = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    let rows: Vec<String> = (1..=5)
+        .flat_map(|cycle| {
+            [0, 100, 200].map(|target| format!("{cycle},1,{target},{}\n", (target + cycle) % 7))
+        })
+        .collect();
+    let evaluate = ["evaluate", "iso230-2", "--data", "x.csv"];
+    // the third row of the second cycle once more
+    write(d, "x.csv", &(header.clone() + &rows.concat() + &rows[5]));
+    let said = refused(d, &evaluate);
+    assert!(
+        said.contains("x.csv:17: cycle 2, direction 1, target 200 mm stands in line 7, too; remove one"),
+        "{said}"
+    );
+    let without = [&rows[..5], &rows[6..]].concat().concat();
+    write(d, "x.csv", &(header.clone() + &without));
+    let (_, said) = ok(d, &evaluate);
+    assert!(said.contains("x.csv: no reading of cycle 2, direction 1, target 200 mm\n"), "{said}");
+    write(d, "x.csv", &(header + &rows.concat()));
+    let (_, said) = ok(d, &evaluate);
+    assert!(!said.contains("no reading of"), "{said}");
+}
