@@ -296,3 +296,30 @@ fn the_nodes_of_a_grid_may_begin_below_zero() {
         ok(d, "kalman --data k.csv --first -400,0,400 --second -10,10 --third -100,0 --sigma 5 --noise 1");
     assert!(out.contains("3 readings, 0 rejected"), "{out}");
 }
+
+/// Readings at every degree from `from` to `to` and back at two feeds.
+fn arc(from: i32, to: i32) -> String {
+    let mut text = "angle_deg,deviation_um,direction,feed_mm_per_min,run\n".to_owned();
+    for (run, (feed, direction)) in [(500, 1), (500, -1), (2000, 1), (2000, -1)].into_iter().enumerate() {
+        for k in from..=to {
+            let angle = if direction > 0 { k } else { from + to - k };
+            let noise = 0.01 * f64::from((7 * k + 3 * direction) % 11 - 5);
+            writeln!(text, "{angle},{noise},{direction},{feed},{run}").unwrap();
+        }
+    }
+    text
+}
+
+#[test]
+fn a_feed_with_too_few_readings_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    let text = arc(0, 360).replacen("100,0.05,1,500,", "100,0.05,1,501,", 1);
+    assert!(text.contains(",501,"), "{text}");
+    write(d, "xy.csv", &text);
+    let said = refused(d, "ballbar --data xy=xy.csv --radius-mm 150 --centre-mm 0,0,0");
+    assert!(
+        said.contains("xy.csv:102: 1 reading at 501 mm/min in one direction; a circle needs 8"),
+        "{said}"
+    );
+}

@@ -4,7 +4,7 @@ pub(crate) mod report;
 
 use crate::identify::prelude::*;
 use volcomp_evaluate::circle_prediction::predict;
-use volcomp_evaluate::circular::CircularReading;
+use volcomp_evaluate::circular::{CircularReading, READINGS_NEEDED};
 use volcomp_identify::assemble::mirrored_curve;
 use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
@@ -288,6 +288,7 @@ pub(crate) fn lines_and_samples(
 fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let (lines, mut samples): (Vec<u64>, Vec<Sample>) =
         lines_and_samples(path, Columns::value)?.into_iter().unzip();
+    whole_feeds(path, &lines, &samples)?;
     for sample in &mut samples {
         sample.feed = sample.feed.or(args.feed_mm_per_min).map(|f| f / 60.0);
     }
@@ -295,6 +296,28 @@ fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let samples = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
     let centre = plane.axes().map(|a| args.centre()[a.direction()]);
     Ok(Circles { plane, radius: args.radius_mm, centre, samples })
+}
+
+/// Refuses a feed with fewer readings in a direction than a circle needs: it is a slip.
+fn whole_feeds(path: &Path, lines: &[u64], samples: &[Sample]) -> Result<()> {
+    let mut runs: Vec<(f64, Travel, u64, usize)> = Vec::new();
+    for (sample, line) in samples.iter().zip(lines) {
+        let Some(feed) = sample.feed else { continue };
+        match runs.iter_mut().find(|(f, travel, ..)| (*f, *travel) == (feed, sample.travel)) {
+            Some((.., count)) => *count += 1,
+            None => runs.push((feed, sample.travel, *line, 1)),
+        }
+    }
+    let several = runs.iter().any(|run| run.0 != runs[0].0);
+    match runs.iter().find(|(.., count)| several && *count < READINGS_NEEDED) {
+        Some((feed, _, line, count)) => Err(failure!(
+            EX_DATAERR,
+            "{}:{line}: {} at {feed} mm/min in one direction; a circle needs {READINGS_NEEDED}: correct feed_mm_per_min, or leave them out",
+            path.display(),
+            counted(*count, "reading")
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Angle that a run may go against its direction, rad: more is no noise of the angles.
