@@ -311,6 +311,25 @@ fn arc(from: i32, to: i32) -> String {
 }
 
 #[test]
+fn reversals_that_an_arc_does_not_have_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    write(d, "arc.csv", &arc(-20, 200));
+    let line = "ballbar --data yz=arc.csv --radius-mm 150 --centre-mm 0,0,0";
+    let (out, _) = ok(d, &format!("{line} --json"));
+    let json: Value = serde_json::from_str(&out).unwrap();
+    let absent = json["planes"][0]["not_determined"].as_array().unwrap();
+    for effect in ["backlash:z", "lateral-play:z", "reversal-spike:z"] {
+        let is_named = |m: &Value| {
+            m["effect"] == effect && m["reason"].as_str().unwrap().contains("at the negative end of travel")
+        };
+        assert!(absent.iter().any(is_named), "{effect}: {absent:?}");
+    }
+    let said = usage(d, &format!("{line} --pitch-mm y=10 --pitch-mm x=5"));
+    assert!(said.contains("--pitch-mm x=5: axis X does not move in plane yz"), "{said}");
+}
+
+#[test]
 fn a_feed_with_too_few_readings_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let d = folder.path();

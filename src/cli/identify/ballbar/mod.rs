@@ -80,13 +80,22 @@ impl SetUp {
         self.centre_mm.unwrap_or_else(Vec3::zeros)
     }
 
-    /// Says that the centre is not stated.
-    pub(crate) fn note_centre(&self) {
+    /// Refuses the pitch of an axis that moves in none of the planes, and notes that the centre is not stated.
+    pub(crate) fn check(&self, planes: &[Plane]) -> Result<()> {
+        let moves = |axis: &AxisName| planes.iter().any(|p| p.axes().contains(axis));
+        if let Some((axis, pitch)) = self.pitch_mm.iter().find(|(axis, _)| !moves(axis)) {
+            let planes = planes.iter().joined(", ");
+            return Err(usage!(
+                "--pitch-mm {}={pitch}: axis {axis} does not move in plane {planes}; leave it out, or correct the letter or the plane",
+                axis.lower()
+            ));
+        }
         if self.centre_mm.is_none() {
             note!(
                 "note: no --centre-mm given: the centre of the circles is taken as X 0, Y 0, Z 0; errors of place are placed about it"
             );
         }
+        Ok(())
     }
 }
 
@@ -180,7 +189,7 @@ impl Method for Args {
                 return Err(Failure::usage(what));
             }
         }
-        self.setup.note_centre();
+        self.setup.check(&data.iter().map(|(plane, _)| *plane).collect::<Vec<_>>())?;
         let known = self.out.into.as_deref().map(Known::read).transpose()?.flatten();
         let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path, known.as_ref());
         let plans = data.iter().map(read).collect::<Result<_, _>>()?;
