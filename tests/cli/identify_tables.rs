@@ -297,6 +297,21 @@ fn the_nodes_of_a_grid_may_begin_below_zero() {
     assert!(out.contains("3 readings, 0 rejected"), "{out}");
 }
 
+#[test]
+fn a_polynomial_through_all_points_has_no_standard_deviations() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    write(d, "f.csv", "x,y\n0,1\n1,3\n2,2\n");
+    let line = "fits --data f.csv --basis polynomial --order 2";
+    let (out, said) = ok(d, line);
+    assert!(!out.contains("+-") && !out.contains("NaN"), "{out}");
+    assert!(said.contains("f.csv: 3 coefficients for 3 points leave no degree of freedom"), "{said}");
+    let (out, _) = ok(d, &format!("{line} --json"));
+    assert!(serde_json::from_str::<Value>(&out).unwrap()["coefficients_std"].is_null(), "{out}");
+    let (out, said) = ok(d, "fits --data f.csv --basis polynomial --order 1");
+    assert!(out.contains("+-") && said.is_empty(), "{out}{said}");
+}
+
 /// Readings at every degree from `from` to `to` and back at two feeds.
 fn arc(from: i32, to: i32) -> String {
     let mut text = "angle_deg,deviation_um,direction,feed_mm_per_min,run\n".to_owned();
