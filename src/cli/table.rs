@@ -101,7 +101,8 @@ impl Table {
                     i,
                     format_args!(
                         "{name:?} holds a {delimiter}; separate columns by commas, with decimal points, or convert the table: \
-                         volcomp import {} --columns OUT=COLUMN:UNIT,.. --delimiter {delimiter} --decimal-comma --out NEW.csv",
+                         volcomp import {} --columns OUT=COLUMN:UNIT,.. --delimiter {delimiter} --out NEW.csv, with --decimal-comma \
+                         where decimals are commas",
                         table.file
                     ),
                 ));
@@ -468,7 +469,10 @@ mod tests {
             ("a,b,a\n", "t.csv:1:5: column a occurs twice"),
             ("a,,b\n", "t.csv:1:3: a column without a name"),
             ("a;b\n", "t.csv:1:1: \"a;b\" holds a ';'; separate columns by commas"),
-            ("a\tb\n", "volcomp import t.csv --columns OUT=COLUMN:UNIT,.. --delimiter tab --decimal-comma"),
+            (
+                "a\tb\n",
+                "--columns OUT=COLUMN:UNIT,.. --delimiter tab --out NEW.csv, with --decimal-comma where decimals are commas",
+            ),
         ] {
             let message = error(text);
             assert!(message.contains(expected), "{text:?} gives {message:?}");

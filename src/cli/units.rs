@@ -60,23 +60,33 @@ impl Units {
 /// Lengths that no machine tool keeps below, um; a column in mm that is named um looks so.
 const SMALLEST_UM: f64 = 0.1;
 
-/// Refuses deviations larger than any machine's and notes lengths smaller than any: both are in another unit than `column`
-/// says. `largest` is their largest absolute value, um or arcsec.
-pub(crate) fn check_size(
-    file: &str,
-    column: &str,
-    values: impl Iterator<Item = f64>,
-    is_angle: bool,
-) -> Result<()> {
-    let largest = values.map(f64::abs).fold(0.0, f64::max);
+/// What is wrong with a deviation (um or arcsec) that is larger than any machine's: it is in another unit than stated.
+pub(crate) fn beyond_machines(value: f64, is_angle: bool) -> Option<String> {
     let (limit, unit, hint): (_, _, fn(f64) -> &'static str) = if is_angle {
         (arcsec_from_rad(ANGLE_LIMIT), "arcsec", angle_unit_hint)
     } else {
         (um_from_mm(LENGTH_LIMIT), "um", length_unit_hint)
     };
-    if largest > limit {
-        let (size, limit, hint) = (plain(largest, 0), plain(limit, 0), hint(largest));
-        return Err(data!(file, "{column} reaches {size} {unit}; the limit is {limit} {unit}: {hint}"));
+    let size = value.abs();
+    (size > limit).then(|| {
+        let (shown, limit, hint) = (plain(size, 0), plain(limit, 0), hint(size));
+        format!("reaches {shown} {unit}; the limit is {limit} {unit}: {hint}")
+    })
+}
+
+/// Refuses deviations larger than any machine's and notes lengths smaller than any: both are in another unit than `column`
+/// says. `values` are um or arcsec, each with its line, 0 where it is not known.
+pub(crate) fn check_size(
+    file: &str,
+    column: &str,
+    values: impl Iterator<Item = (f64, u64)>,
+    is_angle: bool,
+) -> Result<()> {
+    let larger = |a: (f64, u64), b: (f64, u64)| if b.0.abs() > a.0 { (b.0.abs(), b.1) } else { a };
+    let (largest, line) = values.fold((0.0, 0), larger);
+    if let Some(what) = beyond_machines(largest, is_angle) {
+        let place = if line > 0 { format!("{file}:{line}") } else { file.to_owned() };
+        return Err(data!(place, "{column} {what}"));
     }
     if !is_angle && largest > 0.0 && largest < SMALLEST_UM {
         note!(

@@ -99,7 +99,7 @@ pub enum CircularError {
 }
 
 /// Fewest readings per direction.
-const READINGS_NEEDED: usize = 8;
+pub const READINGS_NEEDED: usize = 8;
 /// Largest gap in angle that can be centred, rad.
 const GAP_LIMIT: f64 = TAU / 4.0;
 

@@ -11,6 +11,7 @@ mod evaluate_cli;
 mod fit_cli;
 mod identify_cases;
 mod identify_into;
+mod identify_tables;
 mod import_export;
 mod input_limits;
 mod machine_messages;

@@ -431,9 +431,14 @@ fn a_column_in_another_unit_is_noted_or_refused_alike() {
     };
     write(d, "mm.csv", &test(1e-3));
     write(d, "nm.csv", &test(2e3));
-    for (name, code, named) in [
-        ("mm.csv", 0, "(largest 0.0052 µm): is "),
-        ("nm.csv", 65, "reaches 10400 µm; the limit is 5000 µm: were these values in nm, not in µm?"),
+    for (name, code, place, named) in [
+        ("mm.csv", 0, "mm.csv: ", "(largest 0.0052 µm): is "),
+        (
+            "nm.csv",
+            65,
+            "nm.csv:19: ",
+            "reaches 10400 µm; the limit is 5000 µm: were these values in nm, not in µm?",
+        ),
     ] {
         for args in [
             &["evaluate", "iso230-2", "--data", name][..],
@@ -442,7 +447,7 @@ fn a_column_in_another_unit_is_noted_or_refused_alike() {
             let output = volcomp(d, args);
             let said = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(code), "{args:?}: {said}");
-            assert!(said.contains(named), "{args:?}: {said}");
+            assert!(said.contains(place) && said.contains(named), "{args:?}: {said}");
         }
     }
 }
@@ -490,4 +495,31 @@ fn error_motions_of_one_quantity_are_verified_about_what_they_count_from() {
         }
     }
     assert!(refused(d, &args(&["--columns", "ezx_um"])).contains("ezx_um"));
+}
+
+#[test]
+fn readings_that_stand_twice_or_are_missing_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let d = folder.path();
+    let header = "cycle,direction,target_mm,deviation_um\n".to_owned();
+    let rows: Vec<String> = (1..=5)
+        .flat_map(|cycle| {
+            [0, 100, 200].map(|target| format!("{cycle},1,{target},{}\n", (target + cycle) % 7))
+        })
+        .collect();
+    let evaluate = ["evaluate", "iso230-2", "--data", "x.csv"];
+    // the third row of the second cycle once more
+    write(d, "x.csv", &(header.clone() + &rows.concat() + &rows[5]));
+    let said = refused(d, &evaluate);
+    assert!(
+        said.contains("x.csv:17: cycle 2, direction 1, target 200 mm stands in line 7, too; remove one"),
+        "{said}"
+    );
+    let without = [&rows[..5], &rows[6..]].concat().concat();
+    write(d, "x.csv", &(header.clone() + &without));
+    let (_, said) = ok(d, &evaluate);
+    assert!(said.contains("x.csv: no reading of cycle 2, direction 1, target 200 mm\n"), "{said}");
+    write(d, "x.csv", &(header + &rows.concat()));
+    let (_, said) = ok(d, &evaluate);
+    assert!(!said.contains("no reading of"), "{said}");
 }

@@ -109,7 +109,7 @@ fn read(
     uncertainties: CircularUncertainties,
 ) -> Result<Evaluated> {
     let samples = of_one_feed(wanted_feed, path, samples(path)?)?;
-    let values = samples.iter().map(|s| um_from_mm(s.deviation));
+    let values = samples.iter().map(|s| (um_from_mm(s.deviation), 0));
     check_size(&path.display().to_string(), "deviation_um", values, false)?;
     // a file that is not in the order of the readings says nothing about overshoot
     let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);

@@ -46,6 +46,7 @@ fn read(path: &Path) -> Result<Evaluated> {
         return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
     let mut ends: BTreeMap<Diagonal, String> = BTreeMap::new();
+    let mut lines = Vec::new();
     let readings = table.some_rows(|table| {
         let word = table.word(name);
         let Some(diagonal) = Diagonal::parse(&word) else {
@@ -63,9 +64,10 @@ fn read(path: &Path) -> Result<Evaluated> {
         }
         let r = columns.reading(table)?;
         let (target, deviation) = (r.position, um_from_mm(r.value));
+        lines.push(table.line());
         Ok((diagonal, PositioningReading { travel: r.travel, target, deviation }))
     })?;
-    let values = readings.iter().map(|(_, r)| r.deviation);
+    let values = readings.iter().map(|(_, r)| r.deviation).zip(lines);
     check_size(&path.display().to_string(), "deviation_um", values, false)?;
     let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })

@@ -12,6 +12,8 @@ use crate::prelude::*;
 use crate::start_up::{self, StartUp, in_report_units, words};
 use volcomp_evaluate::uncertainty::OfFigure;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
+use volcomp_formats::positioning_test::PositioningTest;
+use volcomp_identify::reading::group_by_position;
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
 ///
@@ -76,6 +78,7 @@ fn read(
     if let Some(cycles) = cycles {
         cycles.select(&path.display().to_string(), &mut test)?;
     }
+    check_runs(path, &test)?;
     let readings: Vec<PositioningReading> =
         test.readings.iter().map(|r| in_report_units(test.kind, r)).collect();
     let result = Positioning::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
@@ -84,7 +87,7 @@ fn read(
     }
     let conditions = uncertainty.conditions(test.kind)?;
     let uncertainties = Uncertainties::of(&result, &conditions, result.length());
-    check_unit(path, test.kind, &readings)?;
+    check_unit(path, &test, &readings)?;
     uncertainty_note(path, &result, &uncertainties);
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
@@ -93,11 +96,49 @@ fn read(
     Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up, stated })
 }
 
+/// Most missing readings that are named one by one.
+const NAMED: usize = 3;
+
+/// Refuses a target that stands twice in a run, and names the readings that are missing.
+fn check_runs(path: &Path, test: &PositioningTest) -> Result<()> {
+    let (positions, group) = group_by_position(&test.readings);
+    let text = |(cycle, is_reverse, target): (u32, bool, usize)| {
+        let (direction, unit) = (if is_reverse { -1 } else { 1 }, test.kind.position_unit());
+        let target = rounded(test.kind.position_out(positions[target]));
+        format!("cycle {cycle}, direction {direction}, target {target} {unit}")
+    };
+    let file = path.display();
+    let mut seen = BTreeMap::new();
+    for (i, (r, target)) in test.readings.iter().zip(group).enumerate() {
+        let (key, line) = ((r.cycle, r.travel == Travel::Reverse, target), test.line(i));
+        if let Some(first) = seen.insert(key, line) {
+            return Err(failure!(
+                EX_DATAERR,
+                "{file}:{line}: {} stands in line {first}, too; remove one of the two, or give a repeated run a cycle of its own",
+                text(key)
+            ));
+        }
+    }
+    let cycles: BTreeSet<u32> = seen.keys().map(|key| key.0).collect();
+    let directions: BTreeSet<bool> = seen.keys().map(|key| key.1).collect();
+    let runs = cycles.iter().flat_map(|c| directions.iter().map(move |d| (*c, *d)));
+    let expected = runs.flat_map(|(c, d)| (0..positions.len()).map(move |target| (c, d, target)));
+    let missing: Vec<_> = expected.filter(|key| !seen.contains_key(key)).collect();
+    if !missing.is_empty() {
+        let named = missing.iter().take(NAMED).map(|key| text(*key)).joined("; ");
+        let more = missing.len().saturating_sub(NAMED);
+        let more = if more > 0 { format!("; and {more} more") } else { String::new() };
+        note!("note: {file}: no reading of {named}{more}");
+    }
+    Ok(())
+}
+
 /// Looks at the unit of the deviations.
-fn check_unit(path: &Path, kind: AxisKind, readings: &[PositioningReading]) -> Result<()> {
-    let values = readings.iter().map(|r| r.deviation);
-    let column = if kind == AxisKind::Rotary { "deviation_arcsec" } else { "deviation_um" };
-    check_size(&path.display().to_string(), column, values, kind == AxisKind::Rotary)
+fn check_unit(path: &Path, test: &PositioningTest, readings: &[PositioningReading]) -> Result<()> {
+    let values = readings.iter().enumerate().map(|(i, r)| (r.deviation, test.line(i)));
+    let is_angle = test.kind == AxisKind::Rotary;
+    let column = if is_angle { "deviation_arcsec" } else { "deviation_um" };
+    check_size(&path.display().to_string(), column, values, is_angle)
 }
 
 /// States that the uncertainty leaves nothing of the result.

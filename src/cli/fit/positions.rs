@@ -110,8 +110,12 @@ fn metres(measured: &Measured, axis: AxisName) -> Option<String> {
 /// Looks at the unit of the values of each file.
 fn check_sizes(symbol: ErrorSymbol, measured: &Measured) -> Result<()> {
     let of_value = Units::of(symbol).of_value;
+    let mut first = 0;
     for (file, readings) in measured.by_file() {
-        check_size(file, &column(symbol), readings.iter().map(|r| of_value(r.value)), symbol.is_angle())?;
+        let line = |i: usize| u64::from(measured.place(first + i).1);
+        let values = readings.iter().enumerate().map(|(i, r)| (of_value(r.value), line(i)));
+        check_size(file, &column(symbol), values, symbol.is_angle())?;
+        first += readings.len();
     }
     Ok(())
 }

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use crate::prelude::*;
 pub(crate) use crate::table::Table as Columns;
 use crate::table::{nearest, other_unit};
+use crate::units::beyond_machines;
 
 /// A column and what brings its numbers into mm or rad.
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +42,7 @@ pub(crate) fn hint(name: &str, names: &[String], columns: impl core::fmt::Displa
 pub(crate) fn named_points(path: &Path, column: &str, wrong: fn(&str) -> String) -> Result<Vec<Named>> {
     let mut table = table::open(path)?;
     let (name, at) = (table.column(column)?, table.three(["x_mm", "y_mm", "z_mm"])?);
+    table.only_known()?;
     let mut points: Vec<Named> = Vec::new();
     table.rows(|row| {
         let word = row.word(name);
@@ -104,14 +106,28 @@ impl Columns {
         }
     }
 
-    /// Refuses columns that were not asked for, and names those that were.
+    /// Refuses columns that were not asked for, and names the nearest of those that were, or else all.
     pub(crate) fn only_known(&self) -> Result<()> {
-        self.only_asked(|_| format!("columns are {}", self.known.join(", ")))
+        self.only_asked(|column| hint(column, &self.known, self.known.join(", ")))
+    }
+
+    /// Three deviations of the current row.
+    pub(crate) fn deviations(&self, [x, y, z]: [Column; 3]) -> Result<Vec3> {
+        Ok(Vec3::new(self.deviation(x)?, self.deviation(y)?, self.deviation(z)?))
     }
 
     /// A number of the current row, mm or rad.
     pub(crate) fn value(&self, column: Column) -> Result<f64> {
         self.number(column).map(column.to_inner)
+    }
+
+    /// A deviation or angular error of the current row, mm or rad; one larger than any machine's is refused.
+    pub(crate) fn deviation(&self, column: Column) -> Result<f64> {
+        let is_angle = self.columns()[column.index].ends_with("_arcsec");
+        match beyond_machines(self.number(column)?, is_angle) {
+            Some(what) => Err(self.fail(column, what)),
+            None => self.value(column),
+        }
     }
 
     /// A number of the current row, or that of a table without the column.

@@ -118,6 +118,15 @@ fn found(case: &Case, path: &Path) -> Result<Box<dyn Found>> {
     }
     let result = if case.basis == BasisArg::Polynomial { powers(case) } else { curve(case) };
     let result = result.map_err(|e| Failure::data(path, e))?;
+    if result["rmse_dof"].is_null() {
+        note!(
+            "note: {}: {} coefficients for {} points leave no degree of freedom: the curve runs through the points, its coefficients \
+             have no standard deviation; take a lower order",
+            path.display(),
+            result["m"],
+            result["n"]
+        );
+    }
     Ok(printed(result.clone(), move || report(&result)))
 }
 

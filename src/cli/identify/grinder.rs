@@ -1,6 +1,5 @@
 //! `volcomp identify grinder`: a chain axis by axis, each corrected before the next one is measured.
 
-use super::columns::hint;
 use crate::identify::prelude::*;
 use volcomp_identify::grinder::{
     Chain, Consistency, Curves, Found as Step, Measured, Request, Row, SetUp, Shares, plan,
@@ -48,7 +47,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "LETTERS", default_value = "all", value_parser = components)]
     motions: Components,
     /// Noise of a reading (standard deviation), where known: the rigidity of the tips is then tested against it.
-    #[arg(long, value_name = "UM")]
+    #[arg(long, value_name = "UM", value_parser = above_zero)]
     noise_um: Option<f64>,
     /// How the values at the positions become curves, in the model and in the corrections of --next.
     #[arg(long, value_parser = one_of(BASES), default_value = "table")]
@@ -150,7 +149,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
     let axes: Vec<[Option<Column>; 2]> = axes.collect();
     let tool = TOOL.map(|n| table.find_column(n));
     let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find_column(n));
-    table.only_asked(|column| hint(column, &table.known, table.known.join(", ")))?;
+    table.only_known()?;
     if !matches!(tool.iter().flatten().count(), 0 | 3) {
         return Err(data!(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }
@@ -170,7 +169,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<(u64, Row)>> {
         }
         for i in 0..3 {
             row.tip[i] = table.value_or(tool[i], row.tip[i])?;
-            row.deviation[i] = seen[i].map(|column| table.value(column)).transpose()?;
+            row.deviation[i] = seen[i].map(|column| table.deviation(column)).transpose()?;
         }
         Ok((table.line(), row))
     })

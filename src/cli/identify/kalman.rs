@@ -28,13 +28,13 @@ pub(crate) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = linear_axis)]
     axes: Vec<AxisName>,
     /// Nodes along the first axis, mm.
-    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_hyphen_values = true)]
     first: Vec<f64>,
     /// Nodes along the second axis, mm.
-    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_hyphen_values = true)]
     second: Vec<f64>,
     /// Nodes along the third axis, mm.
-    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_negative_numbers = true)]
+    #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_hyphen_values = true)]
     third: Vec<f64>,
     /// How far the model may be wrong (k = 1), um or arcsec.
     #[arg(long, value_name = "STD", required_unless_present_any = ["input", "file"])]
@@ -335,7 +335,7 @@ fn read(
     let mut last: Option<f64> = None;
     table.rows(|row| {
         let at = row.point(columns.positions)?.into();
-        let value = row.value(columns.value)? - offline_at(at);
+        let value = row.deviation(columns.value)? - offline_at(at);
         let mut passed_s = 0.0;
         if let Some(column) = columns.time {
             let now = row.value(column)?;

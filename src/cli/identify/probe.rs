@@ -43,7 +43,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MM")]
     ball_radius_mm: Option<f64>,
     /// Noise of a contact (standard deviation), where known: the fit is then tested against it.
-    #[arg(long, value_name = "UM")]
+    #[arg(long, value_name = "UM", value_parser = above_zero)]
     noise_um: Option<f64>,
     /// Reject contacts that lie off the circle by more than 4.5 standard deviations (at most a tenth of them).
     #[arg(long, alias = "reject-outliers")]
@@ -112,7 +112,7 @@ impl Args {
         let mut table = table::open(path)?;
         let (y, height, angle) =
             (table.column("y_mm")?, table.find_column("z_mm"), table.find_column("b_deg"));
-        table.only_asked(|_| "columns are y_mm, z_mm, b_deg".to_owned())?;
+        table.only_known()?;
         let arm = self.arm_mm.zip(self.arm_zero_deg);
         let arm = arm.map(|(length, zero)| Arm { length, zero: rad_from_deg(zero) });
         match (height, arm) {
@@ -237,7 +237,7 @@ fn note(note: &Note, found: &Calibration) -> String {
             )
         }
         Note::MoreThanNoise { p_value } => format!(
-            "the distances from the circle are larger than the stated noise explains (probability {p_value:.1e}): is the bar round, the arm's length right?"
+            "the distances from the circle are larger than the stated noise explains (probability {p_value:.1e}): the uncertainties are from the distances; is the bar round, the arm's length right?"
         ),
     }
 }

@@ -63,15 +63,41 @@ pub(super) struct Frame {
 }
 
 impl PointColumns {
-    /// The columns `{prefix}x_mm` and so on, where they are there.
-    pub(super) fn find(table: &mut Columns, prefix: &str) -> Option<Self> {
-        let mut three = |names: [&str; 3]| -> Option<[Column; 3]> {
-            let [a, b, c] = names.map(|n| table.find_column(&format!("{prefix}{n}")));
-            Some([a?, b?, c?])
-        };
-        three(["x_mm", "y_mm", "z_mm"])
-            .map(Self::Cartesian)
-            .or_else(|| three(["range_mm", "azimuth_deg", "elevation_deg"]).map(Self::Spherical))
+    /// The columns `{prefix}x_mm` and so on, where they are there; refuses a part of them.
+    pub(super) fn find(table: &mut Columns, prefix: &str) -> Result<Option<Self>> {
+        let kinds: [([&str; 3], fn([Column; 3]) -> Self); 2] = [
+            (["x_mm", "y_mm", "z_mm"], Self::Cartesian),
+            (["range_mm", "azimuth_deg", "elevation_deg"], Self::Spherical),
+        ];
+        for (names, kind) in kinds {
+            let names = names.map(|n| format!("{prefix}{n}"));
+            let found = names.each_ref().map(|n| table.find_column(n));
+            if let [Some(a), Some(b), Some(c)] = found {
+                return Ok(Some(kind([a, b, c])));
+            }
+            let of = |is_there: bool| {
+                let named = names.iter().zip(&found).filter(|(_, column)| column.is_some() == is_there);
+                named.map(|(name, _)| name.as_str()).joined(", ")
+            };
+            if found.iter().any(Option::is_some) {
+                return Err(table.fail_row(format_args!(
+                    "{} is missing beside {}; a point has all of {}",
+                    of(false),
+                    of(true),
+                    names.join(", ")
+                )));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The columns of a table that holds one point per row, and no others than those asked for.
+    pub(super) fn of_table(table: &mut Columns) -> Result<Self> {
+        let found = Self::find(table, "")?.ok_or_else(|| {
+            table.fail_row("columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing")
+        })?;
+        table.only_known()?;
+        Ok(found)
     }
 
     /// True where all three fields are empty: the point was not seen.
@@ -138,10 +164,7 @@ impl TrackerArgs {
         let mut table = table::open(path)?;
         let name = table.column("point")?;
         let machine = table.three(["machine_x_mm", "machine_y_mm", "machine_z_mm"])?;
-        let columns = PointColumns::find(&mut table, "").ok_or_else(|| {
-            let missing = "the instrument's columns are missing: x_mm, y_mm, z_mm or range_mm, azimuth_deg, elevation_deg";
-            Failure::data(path, missing)
-        })?;
+        let columns = PointColumns::of_table(&mut table)?;
         let (mut points, mut from, mut to, mut covariance) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let own = Mat3::identity() * mm_from_um(self.machine_sigma_um).powi(2);
         table.rows(|row| {

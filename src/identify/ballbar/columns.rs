@@ -132,9 +132,14 @@ pub(super) fn of_effects(circles: &Circles) -> (Vec<Column>, Vec<(Effect, Reason
                         }));
                     }
                 }
-                [false, false] => missing.push((effect, Reason::NoReversal)),
+                [false, false] => missing.push((effect, Reason::NoReversal(None))),
                 [positive, _] => {
-                    let end = if positive { End::Positive } else { End::Negative };
+                    let (end, other) = if positive {
+                        (End::Positive, End::Negative)
+                    } else {
+                        (End::Negative, End::Positive)
+                    };
+                    missing.push((effect, Reason::NoReversal(Some(other))));
                     columns.push(column(What::Of(effect, Some(end)), &|s| value(axis, s)));
                 }
             }
@@ -179,7 +184,7 @@ pub(super) struct Spikes {
     pub(super) places: Vec<Column>,
     /// The spikes.
     pub(super) spikes: Vec<Column>,
-    /// Axes without a reversal.
+    /// Axes without a reversal at an end of travel.
     pub(super) missing: Vec<(Effect, Reason)>,
 }
 
@@ -192,8 +197,13 @@ pub(super) fn of_spikes(circles: &Circles, time: f64) -> Spikes {
     let mut all = Spikes { places: Vec::new(), spikes: Vec::new(), missing: Vec::new() };
     for axis in 0..2 {
         let effect = Effect::ReversalSpike(axis);
-        let ends = [End::Positive, End::Negative].into_iter().filter(|e| is_seen(samples, axis, *e));
-        let before = all.spikes.len();
+        let (ends, absent): (Vec<End>, Vec<End>) =
+            [End::Positive, End::Negative].into_iter().partition(|e| is_seen(samples, axis, *e));
+        match absent[..] {
+            [] => {}
+            [end] => all.missing.push((effect, Reason::NoReversal(Some(end)))),
+            _ => all.missing.push((effect, Reason::NoReversal(None))),
+        }
         for end in ends {
             let at = reversal(axis, end);
             let shape = |s: &Sample, way: f64| {
@@ -209,9 +219,6 @@ pub(super) fn of_spikes(circles: &Circles, time: f64) -> Spikes {
                 };
                 all.places.push(Column { what: What::Place, values: samples.iter().map(either).collect() });
             }
-        }
-        if all.spikes.len() == before {
-            all.missing.push((effect, Reason::NoReversal));
         }
     }
     all

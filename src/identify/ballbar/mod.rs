@@ -167,8 +167,8 @@ pub struct Estimate {
 pub enum Reason {
     /// These data show it exactly like others that were kept.
     LooksLike(Vec<Effect>),
-    /// It shows at a reversal that the path does not have, or between the readings.
-    NoReversal,
+    /// It shows at a reversal that the path does not have, at one end of travel or at both, or between the readings.
+    NoReversal(Option<End>),
     /// No pitch stands out; nothing above this amplitude, mm.
     NoPitch {
         /// Smallest amplitude that would have been seen.

@@ -161,7 +161,7 @@ impl Selected {
         }
         let What::Of(effect, _) = column.what else { return };
         let shows = column.values.iter().any(|v| *v != 0.0);
-        let reason = if shows { Reason::LooksLike(self.alike(&column)) } else { Reason::NoReversal };
+        let reason = if shows { Reason::LooksLike(self.alike(&column)) } else { Reason::NoReversal(None) };
         let entry = (effect, reason);
         if !self.missing.contains(&entry) {
             self.missing.push(entry);

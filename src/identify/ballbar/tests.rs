@@ -335,6 +335,10 @@ fn an_arc_of_220_degrees_gives_what_it_can() {
         assert!((got - truth).abs() * reach(effect) < 1e-4, "{effect:?}: {got} for {truth}");
     }
     assert!(found.value(Effect::Backlash(1), Some(End::Negative)).is_none());
+    for effect in [Effect::Backlash(1), Effect::LateralPlay(1), Effect::ReversalSpike(1)] {
+        let absent = (effect, Reason::NoReversal(Some(End::Negative)));
+        assert!(found.missing.contains(&absent), "{:?}", found.missing);
+    }
     let is_arc = |n: &Note| matches!(n, Note::Arc { covered } if (covered.to_degrees() - 220.0).abs() < 1.0);
     assert!(found.notes.iter().any(is_arc), "{:?}", found.notes);
     assert!(found.harmonics.is_empty());

@@ -11,6 +11,7 @@
 use crate::prelude::*;
 
 use super::primitives::{SpaceCircle, SpaceCircleError, space_circle};
+use volcomp_model::statistics::ChiSquare;
 
 /// What is measured and known.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,8 +43,11 @@ pub struct ToolAxis {
     pub direction_error: Vec3,
     /// Distance of the centres, mm.
     pub distance: f64,
-    /// Standard deviation of a coordinate taken for the covariances, mm.
+    /// Standard deviation of a coordinate taken for the covariances, mm: the stated one, else (and where these are significantly
+    /// larger) from the residuals.
     pub sigma: f64,
+    /// The residuals of both circles against the stated noise.
+    pub residual_test: Option<ChiSquare>,
     /// Covariance of the direction (a vector across it), registration included.
     pub direction_covariance: Mat3,
     /// Covariance of the tip, mm2, registration included.
@@ -146,13 +150,21 @@ pub fn solve(input: &CirclesInput<'_>) -> Result<ToolAxis, CirclesError> {
         space_circle(points).map_err(|reason| CirclesError::Circle { circle, reason })
     };
     let (one, two) = (fit(1, input.points_1)?, fit(2, input.points_2)?);
-    let sigma = input.sigma.or_else(|| pooled(&one, &two)).unwrap_or(0.0);
+    let scatter = pooled(&one, &two);
+    let against = |(stated, (std, dof)): (f64, (f64, usize))| ChiSquare {
+        sum: dof as f64 * (std / stated).powi(2),
+        dof,
+    };
+    let residual_test = input.sigma.filter(|s| *s > 0.0).zip(scatter).map(against);
+    let stated = input.sigma.filter(|_| !residual_test.is_some_and(ChiSquare::has_failed));
+    let sigma = stated.or(scatter.map(|s| s.0)).unwrap_or(0.0);
+    let input = &CirclesInput { sigma: stated, ..input.clone() };
     let between = one.centre - two.centre;
     let distance = between.norm();
-    let scatter = sigma * (one.centre_cofactor.trace().max(two.centre_cofactor.trace()) / 3.0).sqrt();
+    let of_centres = sigma * (one.centre_cofactor.trace().max(two.centre_cofactor.trace()) / 3.0).sqrt();
     let resolution = 1e-12 * one.centre.norm().max(two.centre.norm());
-    if distance <= APART * scatter.max(resolution) {
-        return Err(CirclesError::CentresTogether { distance, sigma: scatter, limit: APART });
+    if distance <= APART * of_centres.max(resolution) {
+        return Err(CirclesError::CentresTogether { distance, sigma: of_centres, limit: APART });
     }
     let direction = between / distance;
     let angle_deg = direction.dot(&nominal).clamp(-1.0, 1.0).acos().to_degrees();
@@ -179,6 +191,7 @@ pub fn solve(input: &CirclesInput<'_>) -> Result<ToolAxis, CirclesError> {
         direction,
         distance,
         sigma,
+        residual_test,
         direction_covariance,
         tip_covariance,
         predicted,
@@ -201,12 +214,12 @@ fn check(input: &CirclesInput<'_>) -> Result<Vec3, CirclesError> {
         .ok_or(CirclesError::Input { what: "length of the nominal axis", value: input.nominal_axis.norm() })
 }
 
-/// Noise of a coordinate from both circles.
-fn pooled(one: &SpaceCircle, two: &SpaceCircle) -> Option<f64> {
-    let free = |c: &SpaceCircle| 2.0 * c.points as f64 - 6.0;
-    let part = |c: &SpaceCircle| c.sigma.map_or((0.0, 0.0), |s| (free(c) * s * s, free(c)));
+/// Noise of a coordinate from both circles, with its degrees of freedom.
+fn pooled(one: &SpaceCircle, two: &SpaceCircle) -> Option<(f64, usize)> {
+    let free = |c: &SpaceCircle| 2 * c.points - 6;
+    let part = |c: &SpaceCircle| c.sigma.map_or((0.0, 0), |s| (free(c) as f64 * s * s, free(c)));
     let ((a, m), (b, n)) = (part(one), part(two));
-    (m + n > 0.0).then(|| ((a + b) / (m + n)).sqrt())
+    (m + n > 0).then(|| (((a + b) / (m + n) as f64).sqrt(), m + n))
 }
 
 fn predicted(one: &SpaceCircle, two: &SpaceCircle, sigma: f64, distance: f64, t: f64) -> Predicted {

@@ -150,6 +150,17 @@ fn planes_help_where_the_circles_are_large_and_close() {
 }
 
 #[test]
+fn residuals_larger_than_the_stated_noise_take_its_place() {
+    let sigma = 0.004;
+    let own = RIG.solve(sigma, None, 3);
+    let stated = RIG.solve(sigma, Some(sigma), 3);
+    assert!(!stated.residual_test.unwrap().has_failed() && stated.sigma == sigma);
+    let doubted = RIG.solve(sigma, Some(sigma / 10.0), 3);
+    assert!(doubted.residual_test.unwrap().has_failed());
+    assert_eq!((doubted.sigma, doubted.tip_covariance), (own.sigma, own.tip_covariance));
+}
+
+#[test]
 fn a_common_axis_is_tested() {
     let [one, mut two] = RIG.points(0.002, 7);
     let input = |two: &[Vec3]| {

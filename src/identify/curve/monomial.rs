@@ -16,8 +16,8 @@ const REFINEMENTS: usize = 4;
 pub struct PolynomialFit {
     /// Coefficients of `x^0` (`x^1` without intercept) and up.
     pub coefficients: Vec<f64>,
-    /// Their standard deviations.
-    pub std: Vec<f64>,
+    /// Their standard deviations; `None` without degrees of freedom.
+    pub std: Option<Vec<f64>>,
     /// Residuals.
     pub residuals: Vec<f64>,
     /// Sum of their squares.
@@ -97,7 +97,7 @@ pub fn polynomial(
     let sigma = (n > terms).then(|| (sse / (n - terms) as f64).sqrt());
     let inverse = r.solve_upper_triangular(&DMatrix::identity(terms, terms)).ok_or(too_few)?;
     let matrix = DMatrix::from_fn(terms, terms, |k, j| convert[j][k].high);
-    let std = (matrix * inverse).row_iter().map(|row| sigma.unwrap_or(f64::NAN) * row.norm()).collect();
+    let std = sigma.map(|s| (matrix * inverse).row_iter().map(|row| s * row.norm()).collect());
     Ok(PolynomialFit {
         coefficients: coefficients.iter().map(|b| b.high).collect(),
         std,

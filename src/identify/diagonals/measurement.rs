@@ -6,7 +6,8 @@
 use super::runs::EndToEnd;
 use super::{AXES, DiagonalsError, SQUARENESS, Setup, Squareness};
 use crate::prelude::*;
-use volcomp_model::statistics::SIGNIFICANT;
+use volcomp_model::spec::ANGLE_LIMIT;
+use volcomp_model::statistics::{ChiSquare, SIGNIFICANT};
 use volcomp_units::arcsec_from_rad;
 
 /// Degrees of freedom that uncertain curves have among the steps: one for each axis.
@@ -24,6 +25,8 @@ pub struct Measurement {
     pub subtracted: [f64; 4],
     /// Standard deviation of the displacements and degrees of freedom, where known.
     pub noise: Option<([f64; 4], Option<usize>)>,
+    /// The scatter of the runs against the stated noise, where both are known.
+    pub repeats: Option<ChiSquare>,
     /// The steps about model, squareness and a common scale; only where the model has positioning.
     pub steps: Option<Steps>,
 }
@@ -101,10 +104,10 @@ impl Measurement {
     }
 
     /// The squareness from end-to-end displacements; `model` has no squareness of its own, `noise_mm` is the standard deviation of
-    /// one displacement where it is stated.
+    /// one displacement where it is stated. Where the runs scatter by significantly more, their scatter takes its place.
     ///
     /// # Errors
-    /// The model breaks a rule, or a displacement is not finite.
+    /// The model breaks a rule, a displacement is not finite, or a squareness is larger than any machine's.
     pub fn new(
         setup: &Setup,
         model: &ModelSpec,
@@ -119,16 +122,22 @@ impl Measurement {
             }
         }
         let of_runs = |std: f64| ends.runs.map(|n| std / (n as f64).sqrt());
-        let noise = match (noise_mm, ends.run_std) {
-            (Some(stated), _) => Some((of_runs(stated), None)),
-            (None, std) => std.map(|std| (of_runs(std), Some(ends.dof))),
+        let squares = |(stated, std): (f64, f64)| ends.dof as f64 * (std / stated).powi(2);
+        let repeats = noise_mm.zip(ends.run_std).map(|both| ChiSquare { sum: squares(both), dof: ends.dof });
+        let noise = match noise_mm.filter(|_| !repeats.is_some_and(ChiSquare::has_failed)) {
+            Some(stated) => Some((of_runs(stated), None)),
+            None => ends.run_std.map(|std| (of_runs(std), Some(ends.dof))),
         };
         let std = noise.map_or([0.0; 4], |n| n.0);
         let corrected = core::array::from_fn(|i| ends.displacement[i] - subtracted[i]);
         let mut found = setup.squareness(&corrected, &std)?;
+        let mut values = SQUARENESS.into_iter().zip(found.value);
+        if let Some((symbol, rad)) = values.find(|(_, rad)| rad.abs() > ANGLE_LIMIT) {
+            return Err(DiagonalsError::TooLarge { symbol, arcsec: arcsec_from_rad(rad) });
+        }
         found.covariance += setup.covariance_of_model(model)?;
         let raw = setup.squareness(&ends.displacement, &std)?;
-        let mut measurement = Self { found, raw, subtracted, noise, steps: None };
+        let mut measurement = Self { found, raw, subtracted, noise, repeats, steps: None };
         let knows = |(component, axis)| model.error(ErrorSymbol::Motion { component, axis }).is_some();
         if Component::ALL.into_iter().zip(AXES).all(knows) {
             measurement.steps = measurement.steps(setup, model, ends, directions)?;

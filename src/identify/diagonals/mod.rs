@@ -22,6 +22,8 @@ use nalgebra::{Matrix3, Matrix4, Vector4};
 
 use crate::prelude::*;
 use volcomp_model::Chain;
+use volcomp_model::spec::{ANGLE_LIMIT, ModelError};
+use volcomp_units::arcsec_from_rad;
 
 /// The three linear axes that span the box.
 pub const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
@@ -79,7 +81,7 @@ pub struct MissingAngle {
 }
 
 /// Why squareness cannot be found.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DiagonalsError {
     /// The chain lacks an axis.
     #[error("the chain has no axis {axis}; body diagonals need X, Y and Z")]
@@ -105,10 +107,19 @@ pub enum DiagonalsError {
         condition: f64,
     },
     /// The model cannot be used.
-    #[error("the model cannot be used: {error_symbol}: its angular error must stay within 10 mrad")]
-    Model {
-        /// The first error of the model, for the message.
-        error_symbol: ErrorSymbol,
+    #[error("the model cannot be used: {0}")]
+    Model(#[from] ModelError),
+    /// A squareness that no machine has.
+    #[error(
+        "the squareness {symbol} would be {arcsec:.0} arcsec; the limit is {limit:.0} arcsec (10 mrad): were the readings in nm, not in um, \
+         or is a sign or --box-mm wrong?",
+        limit = arcsec_from_rad(ANGLE_LIMIT)
+    )]
+    TooLarge {
+        /// The squareness.
+        symbol: ErrorSymbol,
+        /// Its value.
+        arcsec: f64,
     },
     /// A displacement that is no number.
     #[error("the displacement along {name} is not finite")]
@@ -183,9 +194,7 @@ impl Setup {
         shares: &[f64],
         travel: Travel,
     ) -> Result<Vec<f64>, DiagonalsError> {
-        let model = Model::new(spec).map_err(|_| DiagonalsError::Model {
-            error_symbol: spec.errors.first().map_or(SQUARENESS[0], |(s, _)| *s),
-        })?;
+        let model = Model::new(spec)?;
         let signs = SIGNS[index];
         let beam = Vec3::from_fn(|i, _| signs[i] * self.size[i] / self.length());
         let error = |share: f64| {

@@ -16,6 +16,7 @@ use crate::prelude::*;
 use nalgebra::{Matrix3, Vector3};
 
 use super::primitives::{BallError, Circle2, circle_2d};
+use volcomp_model::statistics::SIGNIFICANT;
 
 /// The arm and the bar. Lengths mm, angles rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -94,7 +95,8 @@ pub struct Calibration {
     pub probe_radius_kasa: f64,
     /// Root of the mean squared distance from the geometric circle, over n.
     pub rms_radial: f64,
-    /// Noise of a contact: the stated one, else from the distances over n - 3; `None` without redundancy.
+    /// Noise of a contact: the stated one, else (and where these are significantly larger) from the distances over n - 3; `None`
+    /// without redundancy.
     pub sigma: Option<f64>,
     /// Covariance of Y0, Z0, R_c for a noise of 1 mm.
     pub cofactor: Matrix3<f64>,
@@ -174,8 +176,6 @@ const OUTLIER: f64 = 4.5;
 const OUTLIER_DOF: usize = 15;
 /// Largest share of contacts that may be taken out.
 const OUTLIER_SHARE: f64 = 0.1;
-/// Probability below which distances are called more than noise.
-const UNLIKELY: f64 = 0.01;
 
 impl Arm {
     /// The place of the ball's centre at contact, from the readings of Y (mm) and B (rad).
@@ -270,11 +270,13 @@ fn finish(
         let chi2 = n * (circle.rms / s).powi(2);
         FitTest { chi2, p_value: chi_square_upper(chi2, dof) }
     });
+    let failed = test.filter(|t| t.p_value < SIGNIFICANT);
+    let stated = request.sigma.filter(|_| failed.is_none());
     let mut notes = Vec::new();
     if amplification > ONE_SIDED {
         notes.push(Note::OneSided { arc, amplification });
     }
-    if let Some(FitTest { p_value, .. }) = test.filter(|t| t.p_value < UNLIKELY) {
+    if let Some(FitTest { p_value, .. }) = failed {
         notes.push(Note::MoreThanNoise { p_value });
     }
     Ok(Calibration {
@@ -283,9 +285,9 @@ fn finish(
         probe_radius: geometric.radius - bar_radius,
         probe_radius_kasa: kasa.radius - bar_radius,
         rms_radial: circle.rms,
-        sigma: request.sigma.or(circle.sigma),
+        sigma: stated.or(circle.sigma),
         cofactor: cofactor(circle),
-        dof: request.sigma.is_none().then_some(dof),
+        dof: stated.is_none().then_some(dof),
         test,
         arc,
         condition_raw_normal: condition_raw_normal(contacts),

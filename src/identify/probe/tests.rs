@@ -97,7 +97,10 @@ fn stated_noise_is_tested() {
     let at =
         |sigma| calibrate(&contacts, 15.0, &Request { sigma: Some(sigma), ..Request::default() }).unwrap();
     assert!(at(0.001).test.unwrap().p_value > 0.01 && at(0.001).notes.is_empty());
-    assert!(matches!(at(0.0005).notes[..], [Note::MoreThanNoise { .. }]));
+    let doubted = at(0.0005);
+    assert!(matches!(doubted.notes[..], [Note::MoreThanNoise { .. }]));
+    let own = calibrate(&contacts, 15.0, &Request::default()).unwrap();
+    assert_eq!((doubted.covariance(), doubted.dof), (own.covariance(), own.dof), "their scatter counts");
     assert_eq!(at(0.001).dof, None);
 }
 

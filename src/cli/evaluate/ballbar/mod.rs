@@ -115,7 +115,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             "some tests have a day and some have none; give it for all, such as 2026-03-12=xy.csv"
         ));
     }
-    args.setup.note_centre();
+    args.setup.check(&[args.plane])?;
     let mut tests = data.iter().map(|of| Test::read(args, of)).collect::<Result<Vec<_>, _>>()?;
     tests.sort_by_key(|t| t.day);
     let Some(newest) = tests.last() else { return Ok(()) };

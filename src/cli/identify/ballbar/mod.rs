@@ -4,7 +4,7 @@ pub(crate) mod report;
 
 use crate::identify::prelude::*;
 use volcomp_evaluate::circle_prediction::predict;
-use volcomp_evaluate::circular::CircularReading;
+use volcomp_evaluate::circular::{CircularReading, READINGS_NEEDED};
 use volcomp_formats::axis_table::positioning_symbol;
 use volcomp_identify::assemble::mirrored_curve;
 use volcomp_identify::ballbar::{
@@ -81,13 +81,22 @@ impl SetUp {
         self.centre_mm.unwrap_or_else(Vec3::zeros)
     }
 
-    /// Says that the centre is not stated.
-    pub(crate) fn note_centre(&self) {
+    /// Refuses the pitch of an axis that moves in none of the planes, and notes that the centre is not stated.
+    pub(crate) fn check(&self, planes: &[Plane]) -> Result<()> {
+        let moves = |axis: &AxisName| planes.iter().any(|p| p.axes().contains(axis));
+        if let Some((axis, pitch)) = self.pitch_mm.iter().find(|(axis, _)| !moves(axis)) {
+            let planes = planes.iter().joined(", ");
+            return Err(usage!(
+                "--pitch-mm {}={pitch}: axis {axis} does not move in plane {planes}; leave it out, or correct the letter or the plane",
+                axis.lower()
+            ));
+        }
         if self.centre_mm.is_none() {
             note!(
                 "note: no --centre-mm given: the centre of the circles is taken as X 0, Y 0, Z 0; errors of place are placed about it"
             );
         }
+        Ok(())
     }
 }
 
@@ -181,7 +190,7 @@ impl Method for Args {
                 return Err(Failure::usage(what));
             }
         }
-        self.setup.note_centre();
+        self.setup.check(&data.iter().map(|(plane, _)| *plane).collect::<Vec<_>>())?;
         let known = self.out.into.as_deref().map(Known::read).transpose()?.flatten();
         let read = |(plane, path): &(Plane, PathBuf)| Plan::read(&self.setup, *plane, path, known.as_ref());
         let plans = data.iter().map(read).collect::<Result<_, _>>()?;
@@ -284,7 +293,7 @@ pub(crate) fn lines_and_samples(
     table.rows(|row| {
         let sample = Sample {
             angle: row.value(angle)?,
-            deviation: row.value(deviation)?,
+            deviation: row.deviation(deviation)?,
             travel: row.travel_of(Some(direction))?,
             feed: feed.map(|c| read_feed(row, c)).transpose()?,
             run: row.count_of(run)?,
@@ -296,6 +305,7 @@ pub(crate) fn lines_and_samples(
 fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let (lines, mut samples): (Vec<u64>, Vec<Sample>) =
         lines_and_samples(path, Columns::value)?.into_iter().unzip();
+    whole_feeds(path, &lines, &samples)?;
     for sample in &mut samples {
         sample.feed = sample.feed.or(args.feed_mm_per_min).map(|f| f / 60.0);
     }
@@ -303,6 +313,28 @@ fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles> {
     let samples = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
     let centre = plane.axes().map(|a| args.centre()[a.direction()]);
     Ok(Circles { plane, radius: args.radius_mm, centre, samples })
+}
+
+/// Refuses a feed with fewer readings in a direction than a circle needs: it is a slip.
+fn whole_feeds(path: &Path, lines: &[u64], samples: &[Sample]) -> Result<()> {
+    let mut runs: Vec<(f64, Travel, u64, usize)> = Vec::new();
+    for (sample, line) in samples.iter().zip(lines) {
+        let Some(feed) = sample.feed else { continue };
+        match runs.iter_mut().find(|(f, travel, ..)| (*f, *travel) == (feed, sample.travel)) {
+            Some((.., count)) => *count += 1,
+            None => runs.push((feed, sample.travel, *line, 1)),
+        }
+    }
+    let several = runs.iter().any(|run| run.0 != runs[0].0);
+    match runs.iter().find(|(.., count)| several && *count < READINGS_NEEDED) {
+        Some((feed, _, line, count)) => Err(failure!(
+            EX_DATAERR,
+            "{}:{line}: {} at {feed} mm/min in one direction; a circle needs {READINGS_NEEDED}: correct feed_mm_per_min, or leave them out",
+            path.display(),
+            counted(*count, "reading")
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Angle that a run may go against its direction, rad: more is no noise of the angles.

@@ -4,7 +4,7 @@ use super::{Plan, reading};
 use crate::prelude::*;
 use volcomp_evaluate::{CircularReading, Circularity};
 use volcomp_identify::ballbar::{
-    Effect, Estimate, Feature, Harmonic, LengthChange, Note, Plane, Reason, Sample,
+    Effect, End, Estimate, Feature, Harmonic, LengthChange, Note, Plane, Reason, Sample,
 };
 
 /// Circularity by ISO 230-4 of the readings and of what no effect explains.
@@ -59,8 +59,12 @@ pub(crate) fn reason_text(reason: &Reason, plane: Plane) -> String {
             let names = others.iter().map(|e| e.name(plane)).joined(" and ");
             format!("confounded with {names} in these data")
         }
-        Reason::NoReversal => {
+        Reason::NoReversal(None) => {
             "shows at reversals that the path does not have, or between the readings".into()
+        }
+        Reason::NoReversal(Some(end)) => {
+            let end = if *end == End::Positive { "positive" } else { "negative" };
+            format!("unknown at the {end} end of travel: the path does not have that reversal")
         }
         Reason::NoPitch { limit } => {
             format!("no pitch stands out; {:.2} um peak to peak would have been seen", um_from_mm(*limit))

@@ -4,6 +4,7 @@ mod out;
 
 use crate::identify::prelude::*;
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
+use volcomp_model::statistics::ChiSquare;
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.
 ///
@@ -132,6 +133,18 @@ impl Found for Outcome<'_> {
         json_of(&self.axis, self.stated)
     }
 
+    fn warn(&self) {
+        let Some(test) = self.axis.residual_test.filter(|t| t.has_failed()) else { return };
+        let (factor, p) = (test.enlarged(), small(test.p_value().unwrap_or_default()));
+        note!(
+            "warning: the residuals of the circles are {factor:.1} times the stated noise (p {p}); does the spindle wander, or is \
+             --noise-um too small?"
+        );
+        note!(
+            "note: the noise is taken from the residuals: the uncertainties given are enlarged by {factor:.1}"
+        );
+    }
+
     fn print(&self) {
         print(&self.axis, self.stated);
         self.frames.iter().filter_map(|f| f.registered.as_ref()).for_each(|r| r.print());
@@ -170,9 +183,7 @@ fn between(args: &Args, frame: &Frame, second: Option<&Frame>, circles: &[Vec<Ve
 fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>; 2]) -> Result<()> {
     let mut table = table::open(path)?;
     let circle = table.column("circle")?;
-    let at = PointColumns::find(&mut table, "").ok_or_else(|| {
-        data!(path, "columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing")
-    })?;
+    let at = PointColumns::of_table(&mut table)?;
     at.check_frame(tracker, frame, path)?;
     table.rows(|row| {
         let which = match row.value(circle)? {
@@ -189,9 +200,16 @@ fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>
     Ok(())
 }
 
+/// True where the residuals of the circles are larger than the stated noise allows.
+fn failed(found: &ToolAxis) -> bool {
+    found.residual_test.is_some_and(ChiSquare::has_failed)
+}
+
 fn json_of(found: &ToolAxis, stated: bool) -> Value {
     let [one, two] = &found.circles;
+    let stated = stated && !failed(found);
     let mut json = fields!(found; sigma, registration_share;
+        "residual_p_value": found.residual_test.and_then(ChiSquare::p_value),
         "centre_1": one.centre.as_slice(),
         "radius_1": one.radius,
         "normal_1": one.normal.as_slice(),
@@ -233,7 +251,7 @@ fn print(found: &ToolAxis, stated: bool) {
     let (d, t, e) = (found.direction, found.tip, found.direction_error.map(arcsec_from_rad));
     let [dl, dh] = found.direction_std().map(arcsec_from_rad);
     let [tl, th] = found.tip_lateral_std().map(um_from_mm);
-    let origin = if stated { "stated" } else { "from the residuals" };
+    let origin = if stated && !failed(found) { "stated" } else { "from the residuals" };
     say_text!("noise of a coordinate: {:.2} um ({origin})", um_from_mm(found.sigma));
     say!("axis ({:.9} {:.9} {:.9}), +- {dl:.2} to {dh:.2} arcsec (k=1)", d.x, d.y, d.z);
     say!("  off the nominal one by a rotation of {:+.2} {:+.2} {:+.2} arcsec about x y z", e.x, e.y, e.z);

@@ -4,10 +4,12 @@ mod vector;
 
 use crate::identify::prelude::*;
 use crate::positioning_data::TestColumns;
+use crate::units::beyond_machines;
 use volcomp_evaluate::Diagonal;
 use volcomp_identify::diagonals::measurement::{Measurement, Steps};
 use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
 use volcomp_identify::diagonals::{MissingAngle, NAMES, SQUARENESS, Setup, without_squareness};
+use volcomp_model::statistics::ChiSquare;
 
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]
@@ -40,7 +42,7 @@ pub(crate) struct Args {
     /// over the box). Stated in the result.
     #[arg(long, value_name = "ARCSEC", value_parser = above_zero)]
     accept_bias_arcsec: Option<f64>,
-    /// Standard deviation of one end-to-end displacement, where the cycles do not tell.
+    /// Standard deviation of one end-to-end displacement, where the cycles do not tell; where they do, it is tested against them.
     #[arg(long, value_name = "UM", value_parser = above_zero)]
     noise_um: Option<f64>,
     #[command(flatten)]
@@ -163,6 +165,9 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>> {
             return Err(table.fail(name, what));
         };
         let mut reading = columns.reading(table)?;
+        if let Some(what) = beyond_machines(um_from_mm(reading.value), false) {
+            return Err(table.fail_row(format_args!("deviation_um {what}")));
+        }
         if !(-1e-3..=length * (1.0 + 1e-6) + 1e-3).contains(&reading.position) {
             let what = format_args!(
                 "{word}: target {} mm lies outside the diagonal of {length:.4} mm; is --box-mm right?",
@@ -199,13 +204,15 @@ fn by_name<V: Serialize>(values: [V; 4]) -> Value {
 impl Found for Outcome<'_> {
     fn json(&self) -> Value {
         let Measurement { found, subtracted, steps, .. } = &self.result;
-        let test = steps.and_then(|s| s.test);
+        let (test, repeats) = (steps.and_then(|s| s.test), self.result.repeats);
         let mut json = json!({
             "common_um": um_from_mm(found.common),
             "displacement_um": by_name(self.ends.displacement.map(um_from_mm)),
             "subtracted_um": by_name(subtracted.map(um_from_mm)),
             "run_std_um": self.ends.run_std.map(um_from_mm),
             "dof": self.ends.dof,
+            "noise_p_value": repeats.and_then(ChiSquare::p_value),
+            "noise_factor": repeats.and_then(ChiSquare::noise_factor),
             "open_runs": self.ends.open_runs,
             "closure_um": by_name(self.ends.closure.map(|v| v.map(um_from_mm))),
             "steps_rms_um": steps.map(|s| um_from_mm(s.rms)),
@@ -282,11 +289,25 @@ impl Found for Outcome<'_> {
     }
 
     fn warn(&self) {
+        let path = self.path.display();
+        if let (Some(repeats), Some(std), Some(stated)) =
+            (self.result.repeats.filter(|r| r.has_failed()), self.ends.run_std, self.args.noise_um)
+        {
+            let (std, factor) = (um_from_mm(std), repeats.enlarged());
+            let p = small(repeats.p_value().unwrap_or_default());
+            note!(
+                "warning: {path}: the cycles scatter by {std:.2} um, {factor:.1} times the stated {stated} um (p {p}); is a run wrong, or \
+                 --noise-um too small?"
+            );
+            note!(
+                "note: the noise is taken from the cycles: the uncertainties given are enlarged by {factor:.1}"
+            );
+        }
         let Some((steps, test)) = self.result.steps.filter(Steps::failed).and_then(|s| Some((s, s.test?)))
         else {
             return;
         };
-        let (path, count, (diagonal, target, residual)) = (self.path.display(), steps.count, steps.worst);
+        let (count, (diagonal, target, residual)) = (steps.count, steps.worst);
         let [rms, expected, residual] = [steps.rms, test.expected_rms, residual].map(um_from_mm);
         let (p, diagonal) = (small(test.p_value), NAMES[diagonal]);
         note!(

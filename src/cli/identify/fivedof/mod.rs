@@ -131,14 +131,9 @@ fn channel_columns(table: &mut Columns, axis: AxisName) -> Result<ChannelColumns
 fn read_channels(row: &Columns, columns: &ChannelColumns) -> Result<Channels> {
     let mut channels = [[0.0; 2]; 5];
     for (value, column) in channels.as_flattened_mut().iter_mut().zip(columns.as_flattened()) {
-        *value = row.value(*column)?;
+        *value = row.deviation(*column)?;
     }
     Ok(channels)
-}
-
-/// Where the reader of a message finds the columns.
-fn see_help(_: &str) -> String {
-    "--help names the columns".to_owned()
 }
 
 /// A run as read.
@@ -153,7 +148,7 @@ fn read_run(path: &Path, axis: AxisName) -> Result<Run> {
     let (at, distance) = (table.run("position_mm")?, table.column("distance_mm")?);
     let channels = channel_columns(&mut table, axis)?;
     let level = table.find_column("level_arcsec");
-    table.only_asked(see_help)?;
+    table.only_known()?;
     let mut levels: Vec<(f64, f64)> = Vec::new();
     let mut reference: Option<Channels> = None;
     let rows = table.some_rows(|row| {
@@ -163,7 +158,7 @@ fn read_run(path: &Path, axis: AxisName) -> Result<Run> {
         let change = std::array::from_fn(|c| std::array::from_fn(|i| now[c][i] - zero[c][i]));
         let distance = row.value(distance)?;
         if let Some(column) = level.filter(|c| !row.word(*c).is_empty()) {
-            levels.push((reading.position, row.value(column)?));
+            levels.push((reading.position, row.deviation(column)?));
         }
         Ok((reading, Readings { distance, change }))
     })?;

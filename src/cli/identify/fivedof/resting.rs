@@ -1,7 +1,7 @@
 //! The calibration of a 5-DOF laser from a log of the resting carriage.
 
 use super::head_file::HeadFile;
-use super::{Args, channel_columns, read_channels, see_help};
+use super::{Args, channel_columns, read_channels};
 use crate::identify::prelude::*;
 use volcomp_identify::fivedof::resting::{Calibration, Estimate, RestingReading, calibrate};
 use volcomp_identify::fivedof::{Detector, lateral};
@@ -18,7 +18,7 @@ pub(super) fn calibrated(
     let channels = channel_columns(&mut table, axis)?;
     let push = lateral(axis).map(|letter| table.find_column(&format!("push_{letter}_um")));
     table.find_column("t_s");
-    table.only_asked(see_help)?;
+    table.only_known()?;
     let log = table.some_rows(|row| {
         Ok(RestingReading {
             push: [row.value_or(push[0], 0.0)?, row.value_or(push[1], 0.0)?],

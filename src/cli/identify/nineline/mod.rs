@@ -181,7 +181,7 @@ fn read_readings(
             readings.push(LineReading {
                 target: lines[k / 3].1,
                 direction: k % 3,
-                value: row.value(*column)?,
+                value: row.deviation(*column)?,
                 sigma: sigmas[k % 3],
             });
         }

@@ -218,7 +218,7 @@ impl Args {
     fn stops(&self, head: &Head) -> Result<Stops<HeadPose>> {
         let mut stops = Stops::default();
         for path in self.case.all(&self.data) {
-            poses(path, &mut stops)?;
+            poses(path, self.axis, &mut stops)?;
         }
         if let Some(path) = &self.head {
             take_off_head(path, head, &mut stops)?;
@@ -230,8 +230,9 @@ impl Args {
     fn single(&self, fits: Vec<RamFit>) -> Result<Box<dyn Found>> {
         if self.curves.model.target().is_some() {
             let what = format_args!(
-                "all poses are at one position of {}; a model needs at least two (column z_mm)",
-                self.axis
+                "all poses are at one position of {0}; a model needs at least two (column {1}_mm)",
+                self.axis,
+                self.axis.lower()
             );
             return Err(data_error(self.case.all(&self.data), what));
         }
@@ -252,21 +253,24 @@ impl Args {
     }
 }
 
-fn poses(path: &Path, stops: &mut Stops<HeadPose>) -> Result<()> {
+fn poses(path: &Path, ram: AxisName, stops: &mut Stops<HeadPose>) -> Result<()> {
     let mut table = table::open(path)?;
-    let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find_column(name));
+    // --add-pose writes z_mm whatever the axis
+    let position = table.find_column(&format!("{}_mm", ram.lower())).or_else(|| table.find_column("z_mm"));
+    let [cycle, direction] = ["cycle", "direction"].map(|name| table.find_column(name));
     let (c, a) = (table.column("c_deg")?, table.column("a_deg")?);
     let tip = table.three(["tip_x_um", "tip_y_um", "tip_z_um"])?;
     let axis = table.three(["dir_x_arcsec", "dir_y_arcsec", "dir_z_arcsec"])?;
+    table.only_known()?;
     table.some_rows(|row| {
-        let position = row.value_or(z, 0.0)?;
+        let position = row.value_or(position, 0.0)?;
         let at =
             Reading { position, cycle: row.count_of(cycle)?, travel: row.travel_of(direction)?, value: 0.0 };
         stops.at(at).push(HeadPose {
             c: row.value(c)?,
             a: row.value(a)?,
-            tip_error: row.point(tip)?,
-            direction_error: row.point(axis)?,
+            tip_error: row.deviations(tip)?,
+            direction_error: row.deviations(axis)?,
         });
         Ok(())
     })?;

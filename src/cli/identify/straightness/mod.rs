@@ -280,7 +280,7 @@ impl Readings {
             Some(t) => motion = t.apply(&self.channels.read(row)?),
             None => {
                 for (value, column) in motion.iter_mut().zip(self.errors) {
-                    *value = column.map(|c| row.value(c)).transpose()?;
+                    *value = column.map(|c| row.deviation(c)).transpose()?;
                 }
             }
         }

@@ -167,7 +167,7 @@ impl ChannelColumns {
     pub(super) fn read(&self, row: &Columns) -> Result<[f64; 6]> {
         let mut values = [0.0; 6];
         for (value, column) in values.iter_mut().zip(self.0) {
-            *value = row.value_or(column, 0.0)?;
+            *value = column.map_or(Ok(0.0), |c| row.deviation(c))?;
         }
         Ok(values)
     }

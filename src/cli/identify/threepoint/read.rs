@@ -25,7 +25,7 @@ pub(super) fn shots(
     let run = table.run("position_mm")?;
     let mut columns = Vec::with_capacity(points.len());
     for (i, (name, _)) in points.iter().enumerate() {
-        if let Some(found) = PointColumns::find(&mut table, &format!("{name}_")) {
+        if let Some(found) = PointColumns::find(&mut table, &format!("{name}_"))? {
             found.check_frame(tracker, frame, path)?;
             columns.push((i, found));
         }
@@ -35,6 +35,13 @@ pub(super) fn shots(
             points.iter().flat_map(|(name, _)| ENDINGS.map(|e| format!("{name}{e}"))).collect();
         columns::hint(column, &wanted, "position_mm, cycle, direction and NAME_x_mm, NAME_y_mm, NAME_z_mm (or NAME_range_mm, NAME_azimuth_deg, NAME_elevation_deg) for the points of --points")
     })?;
+    let absent: Vec<&str> = (0..points.len())
+        .filter(|i| columns.iter().all(|(seen, _)| seen != i))
+        .map(|i| points[i].0.as_str())
+        .collect();
+    if !absent.is_empty() {
+        note!("note: {}: no columns of point {}, which is left out", path.display(), absent.join(", "));
+    }
     table.some_rows(|row| {
         let at = row.reading(&run)?;
         let (mut ids, mut seen) = (Vec::with_capacity(columns.len()), Vec::with_capacity(columns.len()));
@@ -50,18 +57,22 @@ pub(super) fn shots(
 /// The points of every row, whatever their names; `names` grows with the files.
 pub(super) fn poses(path: &Path, frame: &Frame, names: &mut Vec<String>) -> Result<Vec<Vec<Option<Vec3>>>> {
     let mut table = table::open(path)?;
+    for of_run in ["position_mm", "cycle", "direction"] {
+        table.find_column(of_run);
+    }
     let mut columns: Vec<(usize, PointColumns)> = Vec::new();
     for column in table.columns().to_vec() {
         let Some(name) = column.strip_suffix("_x_mm").or_else(|| column.strip_suffix("_range_mm")) else {
             continue;
         };
-        let Some(found) = PointColumns::find(&mut table, &format!("{name}_")) else { continue };
+        let Some(found) = PointColumns::find(&mut table, &format!("{name}_"))? else { continue };
         let index = names.iter().position(|n| n == name).unwrap_or_else(|| {
             names.push(name.to_owned());
             names.len() - 1
         });
         columns.push((index, found));
     }
+    table.only_known()?;
     if columns.len() < 2 {
         return Err(data!(
             path,
