@@ -313,7 +313,8 @@ fn what_is_no_reading_is_answered_and_costs_nothing_else() {
     }
     // what nobody has, nobody forgets
     let forgotten = daemon.volcomp(&["filter", "forget", "rom"]);
-    assert!(!forgotten.status.success(), "{forgotten:?}");
+    assert_eq!(forgotten.status.code(), Some(65), "{forgotten:?}");
+    assert!(String::from_utf8_lossy(&forgotten.stderr).contains("unknown map \"rom\""), "{forgotten:?}");
     let forgotten = daemon.volcomp(&["filter", "forget", "ram", "--reason", "a test"]);
     assert!(forgotten.status.success(), "{forgotten:?}");
     drop(shop);
