@@ -16,6 +16,7 @@ use super::lock_step::EstimatorTime;
 use super::{Arrived, checkpoint};
 use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
+use volcomp_engine::fault::Code;
 use volcomp_estimate::live::{
     LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, MotionSample, ThermalStatus,
 };
@@ -28,6 +29,8 @@ use volcomp_units::{MonoTime, rad_from_deg};
 const READINGS: usize = 4096;
 /// Orders in flight.
 const ORDERS: usize = 16;
+/// Warnings that the service has not counted yet.
+const WARNINGS: usize = 1024;
 /// Pause between two looks at the queues.
 const POLL: Duration = Duration::from_millis(4);
 /// Time for readings in one round; what comes on top of it is left out, so that tables, states and positions never wait
@@ -63,6 +66,7 @@ pub(crate) struct Sensors {
     orders: Sender<Order>,
     ended: Receiver<()>,
     health: Arc<Mutex<FilterStatus>>,
+    warnings: Receiver<(Code, String)>,
     pub(crate) readings: Sender<Arrived>,
     pub(crate) dropped: Arc<AtomicU64>,
     pub(crate) known: Arc<[ConfiguredSensor]>,
@@ -104,18 +108,23 @@ impl Sensors {
         let (orders, order_receiver) = bounded(ORDERS);
         let (readings, reading_receiver) = bounded(READINGS);
         let (end, ended) = bounded::<()>(1);
+        let (warning_sender, warnings) = bounded(WARNINGS);
         let health = Arc::new(Mutex::new(FilterStatus::default()));
         let dropped = Arc::new(AtomicU64::new(0));
         let known: Arc<[ConfiguredSensor]> =
             start.config.spec.sensors.iter().map(ConfiguredSensor::new).collect();
-        let shared =
-            Shared { known: Arc::clone(&known), health: Arc::clone(&health), dropped: Arc::clone(&dropped) };
+        let shared = Shared {
+            known: Arc::clone(&known),
+            health: Arc::clone(&health),
+            warnings: warning_sender,
+            dropped: Arc::clone(&dropped),
+        };
         let worker = Worker::new(start, order_receiver, reading_receiver, shared)?;
         std::thread::Builder::new().name("volcomp-live".to_owned()).spawn(move || {
             let _end = end;
             worker.run();
         })?;
-        Ok(Self { orders, ended, health, readings, dropped, known })
+        Ok(Self { orders, ended, health, warnings, readings, dropped, known })
     }
 
     /// How it goes.
@@ -123,6 +132,11 @@ impl Sensors {
         let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner).clone();
         health.dropped = self.dropped.load(Relaxed);
         health
+    }
+
+    /// Every warning since the last call, however short it was: its number, and what it is about.
+    pub(crate) fn warnings(&self) -> impl Iterator<Item = (Code, String)> + '_ {
+        self.warnings.try_iter().take(WARNINGS)
     }
 
     /// Another model is in use.
@@ -206,7 +220,15 @@ impl Follower {
 struct Shared {
     known: Arc<[ConfiguredSensor]>,
     health: Arc<Mutex<FilterStatus>>,
+    warnings: Sender<(Code, String)>,
     dropped: Arc<AtomicU64>,
+}
+
+impl Shared {
+    /// Has a warning counted; a queue that is full costs the count, the log has it all the same.
+    fn count(&self, code: Code, about: impl Into<String>) {
+        let _ = self.warnings.try_send((code, about.into()));
+    }
 }
 
 /// More readings than there is time for.
@@ -289,7 +311,14 @@ impl Worker {
                 }
                 for note in &self.notes {
                     // one with a number is about something that is wrong
-                    if note.starts_with("VC-") { warn!("{note}") } else { info!("{note}") }
+                    let numbered =
+                        note.split_once(": ").and_then(|(code, of)| Some((Code::parse(code)?, of)));
+                    if let Some((code, about)) = numbered {
+                        warn!("{note}");
+                        self.shared.count(code, about);
+                    } else {
+                        info!("{note}");
+                    }
                 }
                 for known in self.shared.known.iter() {
                     known.set_unit(
@@ -299,8 +328,10 @@ impl Worker {
                 self.estimator = Some(estimator);
             }
             Err(problem) => {
-                let note = format!("VC-8020: no live estimation with this model: {problem}");
+                let code = Code::LIVE_UNUSED;
+                let note = format!("{code}: no live estimation with this model: {problem}");
                 warn!("{note}");
+                self.shared.count(code, problem.to_string());
                 self.notes.push(note);
                 self.shared.known.iter().for_each(|known| known.set_unit(None));
                 self.estimator = None;
@@ -434,10 +465,9 @@ impl Worker {
         self.overload.dropped = dropped;
         match self.overload.since {
             None if left_out => {
-                warn!(
-                    code = "VC-8018",
-                    "the estimator does not keep up with its sensors; readings are left out"
-                );
+                let code = Code::ESTIMATOR_OVERLOADED;
+                warn!(%code, "the estimator does not keep up with its sensors; readings are left out");
+                self.shared.count(code, "readings are left out");
             }
             Some(since) if !left_out && now.seconds_since(since) > RELIEF_S => {
                 info!("the estimator keeps up with its sensors again");
@@ -461,20 +491,24 @@ impl Worker {
                 estimate::SensorStatus::Good => info!(sensor = name, "the sensor is believed"),
                 estimate::SensorStatus::Waiting => {}
                 estimate::SensorStatus::Excluded(sensor_fault) => {
-                    let (code, cause) = (code_of(sensor_fault).to_string(), sensor_fault.name());
-                    warn!(sensor = name, cause, code, "the sensor is excluded");
+                    let (code, cause) = (code_of(sensor_fault), sensor_fault.name());
+                    warn!(sensor = name, cause, %code, "the sensor is excluded");
+                    self.shared.count(code, name);
                 }
             }
         }
         let states: Vec<MapCondition> = estimator.map_states().map(|(_, status)| status).collect();
         for (k, (name, status)) in estimator.map_states().enumerate() {
-            log_map(name, self.map_states.get(k).copied().unwrap_or_default(), status);
+            log_map(name, self.map_states.get(k).copied().unwrap_or_default(), status, &self.shared);
         }
         let growths: Vec<ThermalStatus> = estimator.thermal_statuses().map(|(_, s, _)| s).collect();
         for (k, (name, status, input)) in estimator.thermal_statuses().enumerate() {
             let before = self.growths.get(k).copied().unwrap_or(ThermalStatus::Waiting(0));
             if before != status {
                 log_thermal(name, status, input.unwrap_or_default());
+                if let Some(code) = growth_code(status) {
+                    self.shared.count(code, name);
+                }
             }
         }
         (self.statuses, self.map_states, self.growths) = (statuses, states, growths);
@@ -498,7 +532,8 @@ impl Worker {
         };
         status.notes.clone_from(&self.notes);
         if self.overload.since.is_some() {
-            status.notes.push("VC-8018: the estimator does not keep up with its sensors".to_owned());
+            let code = Code::ESTIMATOR_OVERLOADED;
+            status.notes.push(format!("{code}: the estimator does not keep up with its sensors"));
         }
         *self.shared.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
     }
@@ -546,16 +581,20 @@ impl Worker {
 }
 
 /// A map stands otherwise than before.
-fn log_map(map: &str, before: MapCondition, now: MapCondition) {
+fn log_map(map: &str, before: MapCondition, now: MapCondition, shared: &Shared) {
+    let warned = |code: Code, text: &str| {
+        warn!(map, %code, "{text}");
+        shared.count(code, map);
+    };
     if now.limited && !before.limited {
-        warn!(map, code = "VC-8019", "the map exceeds its limit; the limit is used");
+        warned(Code::MAP_LIMITED, "the map exceeds its limit; the limit is used");
     } else if before.limited && !now.limited {
         info!(map, "the map is within its limit again");
     }
     match (now.alarm, now.is_static) {
         of if of == (before.alarm, before.is_static) => {}
-        (_, true) => warn!(map, code = "VC-8012", "the map is given up for the static model"),
-        (true, false) => warn!(map, code = "VC-8011", "a sensor contradicts the map"),
+        (_, true) => warned(Code::MAP_STATIC, "the map is given up for the static model"),
+        (true, false) => warned(Code::MAP_ALARM, "a sensor contradicts the map"),
         (false, false) => info!(map, "the map is learned again"),
     }
 }
