@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use tracing::{info, warn};
@@ -18,7 +18,7 @@ use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
 use volcomp_engine::fault::Code;
 use volcomp_estimate::live::{
-    LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, MotionSample, ThermalStatus,
+    Body, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, MotionSample, ThermalStatus,
 };
 use volcomp_estimate::{self as estimate, SensorClock};
 use volcomp_model::geometry::Vec3;
@@ -42,6 +42,8 @@ const RELIEF_S: f64 = 10.0;
 const SWITCH_LIMIT: Duration = Duration::from_secs(1);
 /// Interval of new tables, s.
 const TABLE_S: f64 = 0.05;
+/// The same where a sensor has told a live value meanwhile: no value grows older than it must on its way.
+const FRESH_TABLE_S: f64 = 0.01;
 /// Interval of health reports, s.
 const HEALTH_S: f64 = 0.2;
 /// Interval at which health goes into the recording, s.
@@ -256,9 +258,12 @@ struct Worker {
     map_states: Vec<MapCondition>,
     growths: Vec<ThermalStatus>,
     tabled: MonoTime,
+    /// A sensor has told a live value since the last table.
+    is_fresh: bool,
     recorded: MonoTime,
     told: MonoTime,
-    kept: MonoTime,
+    /// By the computer's clock, as the disk's time is.
+    kept: Instant,
 }
 
 impl Worker {
@@ -284,9 +289,10 @@ impl Worker {
             map_states: Vec::new(),
             growths: Vec::new(),
             tabled: now,
+            is_fresh: false,
             recorded: now,
             told: now,
-            kept: now,
+            kept: Instant::now(),
             start,
         };
         worker.take_model();
@@ -359,8 +365,9 @@ impl Worker {
                 estimator.tick(now);
             }
             self.log_changes();
-            if now.seconds_since(self.tabled) >= TABLE_S {
-                self.tabled = now;
+            let interval = if self.is_fresh { FRESH_TABLE_S } else { TABLE_S };
+            if now.seconds_since(self.tabled) >= interval {
+                (self.tabled, self.is_fresh) = (now, false);
                 self.hand_over(now);
             }
             if now.seconds_since(self.told) >= HEALTH_S {
@@ -375,8 +382,8 @@ impl Worker {
                 self.finish();
                 return;
             }
-            if now.seconds_since(self.kept) >= self.start.config.keep_s {
-                self.kept = now;
+            if self.kept.elapsed().as_secs_f64() >= self.start.config.keep_s {
+                self.kept = Instant::now();
                 self.keep();
             }
             match &self.start.end.lock_step {
@@ -454,6 +461,8 @@ impl Worker {
                 estimator.skip(now, sensor);
             } else {
                 estimator.on_reading(now, sensor, &reading);
+                self.is_fresh |=
+                    matches!(reading.body, Body::Value { .. } | Body::FiveDof(_) | Body::FiveDofRaw(_));
             }
         }
         self.log_overload(begin, left_out);
