@@ -180,7 +180,7 @@ fn answer_only(answer: &Answer) -> serde_json::Value {
 }
 
 /// A refusal is bad data or a wrong moment, anything else a broken conversation.
-fn refusal(error: &ClientError) -> Failure {
+pub(super) fn refusal(error: &ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } => Failure::new(EX_DATAERR, error),
         other => failure(other),

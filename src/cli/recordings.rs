@@ -158,7 +158,7 @@ pub(super) fn walk(files: &mut [Parsed], mut each: impl FnMut(&Item) -> Result<(
         expected = reader.next_record();
         let notes = || recording.notes.iter().chain(&reader.notes);
         found.notes.extend(notes().map(|note| format!("{file}: {note}")));
-        found.damaged += notes().filter(|note| !matches!(note, Note::UnknownBlock { .. })).count();
+        found.damaged += notes().filter(|note| note.is_damage()).count();
         // what is missing between two files shows in front of the second one
         if k + 1 < count {
             continue;

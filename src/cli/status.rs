@@ -77,7 +77,9 @@ pub(super) fn status(args: &StatusArgs) -> Result<()> {
             }
             Ok(_) => answered = true,
             // a daemon that restarts: its socket is gone for a moment
-            Err(ClientError::NotRunning { .. } | ClientError::Io { .. }) if again && answered => {
+            Err(ClientError::NotRunning { .. } | ClientError::Io { .. } | ClientError::Ended { .. })
+                if again && answered =>
+            {
                 wait_for_restart(args, &socket);
             }
             Err(error) => return Err(failure(&error)),
@@ -200,6 +202,7 @@ pub(super) fn failure(error: &ClientError) -> Failure {
         ClientError::NotRunning { .. }
         | ClientError::Denied { .. }
         | ClientError::Io { .. }
+        | ClientError::Ended { .. }
         | ClientError::Refused { .. } => EX_IOERR,
         ClientError::NotUnderstood { .. } => EX_SOFTWARE,
     };

@@ -56,6 +56,15 @@ pub enum ClientError {
         /// What the system says.
         source: io::Error,
     },
+    /// The daemon ended, or was ended, before it answered.
+    #[error(
+        "error: {}: volcompd ended, or closed the connection, before it answered\n  \
+         hint: `volcomp status`, once it runs again, tells whether the request was carried out", socket.display()
+    )]
+    Ended {
+        /// The socket.
+        socket: PathBuf,
+    },
     /// What came back is no answer of a volcompd.
     #[error("error: {}: not an answer of volcompd ({source})\n  hint: are both of the same version?", socket.display())]
     NotUnderstood {
@@ -126,6 +135,10 @@ pub fn ask(socket: &Path, request: &Ask) -> Result<Answer, ClientError> {
     stream.write_all(&line).map_err(io_error)?;
     let mut answer = String::new();
     BufReader::new(stream).read_line(&mut answer).map_err(io_error)?;
+    // an answer is a line: without its end nobody is there any more
+    if !answer.ends_with('\n') {
+        return Err(ClientError::Ended { socket: socket.to_owned() });
+    }
     let answer: Answer = serde_json::from_str(&answer).map_err(not_understood)?;
     if answer.ok { Ok(answer) } else { Err(refused(socket, answer.error)) }
 }

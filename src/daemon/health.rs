@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::recent::{CodeCount, is_counted_per_cycle};
+use super::sensor_status::MapStatus;
 use super::status::Status;
 use volcomp_engine::fault::Code;
 
@@ -64,6 +65,10 @@ pub(super) fn health(status: &Status) -> Health {
     if let Some((code, text)) = sensor {
         return of_code("warning", 1, code, &text);
     }
+    if let Some((map, code)) = status.maps.iter().find_map(|map| Some((map, map.codes().next()?))) {
+        let text = code.entry().map_or("", |entry| entry.text);
+        return of_code("warning", 1, &code.to_string(), &format!("map {}: {text}", map.name));
+    }
     if let Some(error) = status.recording.as_ref().and_then(|recording| recording.error.as_deref()) {
         return of_code("warning", 1, &Code::RECORDING_STOPPED.to_string(), error);
     }
@@ -89,6 +94,10 @@ pub(super) fn mark_present(status: &mut Status) {
     present.extend(status.faults.iter().map(|fault| fault.code.clone()));
     present.extend(status.sensors.iter().filter_map(|sensor| sensor.code.clone()));
     present.extend(status.growths.iter().filter_map(|growth| growth.code.clone()));
+    present.extend(status.maps.iter().flat_map(MapStatus::codes).map(|code| code.to_string()));
+    let overloaded = Code::ESTIMATOR_OVERLOADED.to_string();
+    present
+        .extend(status.sensor_notes.iter().any(|note| note.starts_with(&overloaded)).then_some(overloaded));
     present.extend(status.lifetime.note.as_deref().and_then(|note| note.get(..7)).map(str::to_owned));
     let stopped = status.recording.as_ref().is_some_and(|recording| recording.error.is_some());
     present.extend(stopped.then(|| Code::RECORDING_STOPPED.to_string()));
@@ -113,5 +122,35 @@ fn of_code(verdict: &str, exit_code: u8, code: &str, cause: &str) -> Health {
         code: (!code.is_empty()).then(|| code.to_owned()),
         cause: cause.to_owned(),
         remedy: remedy.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_that_is_contradicted_or_at_its_limit_is_a_warning_for_as_long_as_it_lasts() {
+        let map = |state: &str, limited| MapStatus {
+            name: "ram".to_owned(),
+            state: state.to_owned(),
+            limited,
+            ..MapStatus::default()
+        };
+        for (map, code) in [
+            (map("alarm", false), Some("VC-8011")),
+            (map("static", true), Some("VC-8012")),
+            (map("learning", true), Some("VC-8019")),
+            (map("held", false), None),
+        ] {
+            let mut status = Status { maps: vec![map], ..Status::default() };
+            let verdict = health(&status);
+            assert_eq!((verdict.code.as_deref(), verdict.exit_code), (code, u8::from(code.is_some())));
+            assert_eq!(verdict.cause.starts_with("map ram: "), code.is_some(), "{}", verdict.cause);
+            let counted = CodeCount { code: "VC-8019".to_owned(), age_s: 50.0, ..CodeCount::default() };
+            status.recent.warnings.push(counted);
+            mark_present(&mut status);
+            assert_eq!(status.recent.warnings[0].present, status.maps[0].limited);
+        }
     }
 }

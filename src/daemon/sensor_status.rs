@@ -281,6 +281,16 @@ impl MapStatus {
         }
     }
 
+    /// Numbers of what is wrong with it now, the more serious first.
+    pub(crate) fn codes(&self) -> impl Iterator<Item = fault::Code> {
+        let contradicted = match self.state.as_str() {
+            "static" => Some(fault::Code::MAP_STATIC),
+            "alarm" => Some(fault::Code::MAP_ALARM),
+            _ => None,
+        };
+        contradicted.into_iter().chain(self.limited.then_some(fault::Code::MAP_LIMITED))
+    }
+
     /// Without the nodes, for the status.
     pub(crate) fn brief(&self) -> Self {
         Self { nodes: Vec::new(), ..self.clone() }

@@ -85,7 +85,7 @@ pub(super) struct Service {
     /// What the control kept of axes that are not listed when the last link ended.
     left_unlisted: Option<String>,
     benefit: Benefit,
-    /// What is wrong with sensors, thermal displacements, state directory and recording now, by number.
+    /// What is wrong with state directory and recording now, by number.
     standing: BTreeSet<(String, String)>,
 }
 
@@ -314,6 +314,11 @@ impl Service {
             self.benefit.look(now, &self.models.active.model, &axes, last, self.gain);
             self.look_at_what_lasts(now);
         }
+        if let Some(sensors) = &self.sensors {
+            for (code, about) in sensors.warnings() {
+                self.recent.count(now, code, 1, Some(about));
+            }
+        }
         self.recent.look(now, &self.channels.progress);
         let late = self.warnings.look(now, &self.channels.progress);
         if late > 0 {
@@ -328,13 +333,9 @@ impl Service {
         }
     }
 
-    /// Counts by number what is newly wrong with sensors, thermal displacements, state directory and recording.
+    /// Counts by number what is newly wrong with state directory and recording.
     fn look_at_what_lasts(&mut self, now: MonoTime) {
         let mut standing: BTreeSet<(String, String)> = BTreeSet::new();
-        if let Some(health) = self.sensors.as_ref().map(Sensors::health) {
-            standing.extend(health.sensors.iter().filter_map(|s| Some((s.code.clone()?, s.name.clone()))));
-            standing.extend(health.growths.iter().filter_map(|g| Some((g.code.clone()?, g.name.clone()))));
-        }
         standing.extend(self.state_writer.problem().map(|text| (Code::COUNTERS_NOT_SAVED.to_string(), text)));
         let recording = self.recorder.as_ref().and_then(|recorder| recorder.stats.status().error);
         standing.extend(recording.map(|text| (Code::RECORDING_STOPPED.to_string(), text)));

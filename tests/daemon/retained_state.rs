@@ -61,6 +61,29 @@ fn a_restart_undoes_neither_disable_nor_gain() {
 }
 
 #[test]
+fn after_a_restart_no_larger_share_is_applied_than_the_machine_file_says() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), setup());
+    let mut session = port.link();
+    session.run_until_corrected();
+    assert!(order(&mut session, &daemon, &["gain", "0.9"]).0);
+    // an engineer lowers the share in the machine file meanwhile
+    let file = daemon.dir.path().join("machine.toml");
+    let text = fs::read_to_string(&file).expect("readable");
+    fs::write(&file, text.replace("[engine]\n", "[engine]\ngain = 0.25\n")).expect("written");
+    let mut session = power_cut(&mut daemon, &port, "\"gain\": 0.9");
+    assert_eq!(run(&mut session, 1500), CorrectionState::Active);
+    assert!((session.applied[0] + 0.25 * EXX_MM).abs() < 1e-9, "{}", session.applied[0]);
+    assert_eq!(daemon.status()["gain"], 0.25);
+    daemon.wait_for_log("is above [engine] gain");
+    // a smaller one outlives the restart
+    assert!(order(&mut session, &daemon, &["gain", "0.125"]).0);
+    let mut session = power_cut(&mut daemon, &port, "\"gain\": 0.125");
+    assert_eq!(run(&mut session, 1500), CorrectionState::Active);
+    assert!((session.applied[0] + 0.125 * EXX_MM).abs() < 1e-9, "{}", session.applied[0]);
+}
+
+#[test]
 fn a_restart_does_not_clear_a_fault() {
     let port = Port::open();
     let mut daemon = Daemon::start(&port.address(), setup());

@@ -90,6 +90,8 @@ struct Shop {
     control_ns: i64,
     readings: u32,
     tracker: bool,
+    /// What the tracker is wrong by, um.
+    bias_um: f64,
     /// What the laser along Y sees of the straightness, um, as a function of Y; `None`: it says nothing.
     laser: Option<fn(f64) -> f64>,
     /// Share of the usual speed.
@@ -116,6 +118,7 @@ impl Shop {
             control_ns,
             readings: 0,
             tracker: true,
+            bias_um: 0.0,
             laser: None,
             pace: 1.0,
             step_mm: 0.0,
@@ -148,7 +151,7 @@ impl Shop {
     fn speak(&mut self, t: f64) {
         // even noise without any memory
         let noise = 2.0 * ((f64::from(self.readings) * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 1.0;
-        let x_um = 1e3 * (EXX_MM + RAM_MM + self.session.applied[0]) + 5.0 * noise;
+        let x_um = 1e3 * (EXX_MM + RAM_MM + self.session.applied[0]) + self.bias_um + 5.0 * noise;
         let quiet = 0.1 * noise;
         let mut lines = format!(
             "{{\"sensor\": \"growth\", \"t_s\": {t}, \"value_um\": {}}}\n\
@@ -268,8 +271,40 @@ fn what_sensors_teach_reaches_axes_status_recording_and_disk() {
     fs::write(state.join("live.json"), "{\"format\": \"volcomp-live/1\", ").expect("written");
     daemon.restart();
     daemon.wait_for_log("VC-8013");
+    assert!(eventually(|| is_counted(&daemon.status(), "VC-8013")), "{}", daemon.status());
     let aside = fs::read_dir(&state).expect("folder").filter_map(Result::ok);
     assert!(aside.into_iter().any(|e| e.file_name().to_string_lossy().starts_with("live.json.damaged")));
+}
+
+/// Whether a number is among the warnings of the last minute and among the events.
+fn is_counted(status: &serde_json::Value, code: &str) -> bool {
+    let has = |list: &serde_json::Value| list.as_array().expect("a list").iter().any(|e| e["code"] == code);
+    has(&status["recent"]["warnings"]) && has(&status["events"])
+}
+
+#[test]
+fn what_is_wrong_with_a_map_is_counted_and_is_a_warning() {
+    let port = Port::open();
+    let (address, more) = tables();
+    let more = more.replace("limit-um = 30", "limit-um = 6\nalarm-hold-s = 0.5");
+    let daemon = Daemon::start(&port.address(), setup(Box::leak(more.into_boxed_str())));
+    let mut shop = Shop::open(&port, &address);
+    // the ram is off by more than the limit
+    shop.until("the map is at its limit", |_| is_counted(&daemon.status(), "VC-8019"));
+    let status = daemon.status();
+    assert_eq!((&status["health"]["exit_code"], &status["maps"][0]["limited"]), (&1.into(), &true.into()));
+    // an exclusion of less than a second
+    shop.tracker = false;
+    shop.work(Duration::from_millis(600));
+    shop.tracker = true;
+    shop.until("a short silence is counted", |_| is_counted(&daemon.status(), "VC-8002"));
+    shop.until("it is believed again", |_| named(&daemon.status(), "sensors", "tracker")["state"] == "good");
+    shop.work(Duration::from_millis(800));
+    // and a tracker that is suddenly wrong contradicts it, until it is given up
+    shop.bias_um = 150.0;
+    shop.until("the map is given up", |_| is_counted(&daemon.status(), "VC-8012"));
+    let status = daemon.status();
+    assert!(["VC-8010", "VC-8011"].iter().all(|code| is_counted(&status, code)), "{status}");
 }
 
 #[test]
@@ -313,7 +348,8 @@ fn what_is_no_reading_is_answered_and_costs_nothing_else() {
     }
     // what nobody has, nobody forgets
     let forgotten = daemon.volcomp(&["filter", "forget", "rom"]);
-    assert!(!forgotten.status.success(), "{forgotten:?}");
+    assert_eq!(forgotten.status.code(), Some(65), "{forgotten:?}");
+    assert!(String::from_utf8_lossy(&forgotten.stderr).contains("unknown map \"rom\""), "{forgotten:?}");
     let forgotten = daemon.volcomp(&["filter", "forget", "ram", "--reason", "a test"]);
     assert!(forgotten.status.success(), "{forgotten:?}");
     drop(shop);

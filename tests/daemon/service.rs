@@ -4,7 +4,7 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
-use std::os::unix::net::{UnixDatagram, UnixStream};
+use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -293,6 +293,31 @@ fn without_a_daemon_the_tool_says_so() {
         assert_eq!(output.status.code(), Some(74));
         assert!(text(&output.stderr).contains("volcompd is not running"), "{}", text(&output.stderr));
         assert!(output.stdout.is_empty());
+    }
+}
+
+#[test]
+fn a_daemon_that_ends_during_a_request_is_said_to_have_ended() {
+    let dir = tempfile::tempdir().expect("directory");
+    let socket = dir.path().join("sock");
+    let listener = UnixListener::bind(&socket).expect("bound");
+    // nothing, and half an answer
+    for said in ["", "{\"ok\": tr"] {
+        let asked = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+            .args(["gain", "0.5", "--socket"])
+            .arg(&socket)
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("volcomp runs");
+        let (mut client, _) = listener.accept().expect("a client");
+        let mut request = String::new();
+        BufReader::new(client.try_clone().expect("a stream")).read_line(&mut request).expect("a request");
+        client.write_all(said.as_bytes()).expect("sent");
+        drop(client);
+        let output = asked.wait_with_output().expect("it ends");
+        let words = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(74), "{words}");
+        assert!(words.contains("before it answered") && !words.contains("same version"), "{words}");
     }
 }
 

@@ -174,7 +174,7 @@ fn cycles_allocate_nothing(loaded: &Loaded, model: Arc<Model>, cycles: u32) {
 fn table(made: MonoTime, level: f64) -> Arc<LiveTable> {
     let grid = NodeGrid::new(vec![0.0, 200.0, 400.0], vec![0.0, 400.0], vec![-500.0, 0.0]).expect("a grid");
     let values = (0..6 * grid.nodes()).map(|n| level * n as f64).collect();
-    let mut sources = [Source::Value(level); SENSORS_MAX];
+    let mut sources = [Source::Value { value: level, heard: made }; SENSORS_MAX];
     for (component, source) in sources.iter_mut().enumerate().take(6) {
         *source = Source::Map { map: 0, component };
     }

@@ -1,6 +1,7 @@
 //! Notes on settings that are allowed and defeat their purpose; one rule each, where the consequence can be computed.
 
 use volcomp_config::AxisConfig;
+use volcomp_estimate::live::{SensorKind, SensorSpec};
 
 use crate::prelude::*;
 use crate::quantities::offset_as_is;
@@ -22,7 +23,24 @@ pub(super) fn notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<String> {
         ]
     };
     let axes = machine.axes.iter().flat_map(of_axis).flatten();
-    axes.chain(missing_processor(machine.realtime.cpu, volcomp_daemon::last_processor())).collect()
+    axes.chain(missing_processor(machine.realtime.cpu, volcomp_daemon::last_processor()))
+        .chain(
+            machine.sensors.spec.sensors.iter().filter_map(|s| slow_sensor(s, machine.engine.live_max_age_s)),
+        )
+        .collect()
+}
+
+/// A sensor that may be silent for longer than its live value counts.
+fn slow_sensor(sensor: &SensorSpec, max_age_s: f64) -> Option<String> {
+    let tells = matches!(sensor.kind, SensorKind::Value | SensorKind::FiveDof { .. });
+    if !tells || sensor.age_limit_s <= max_age_s {
+        return None;
+    }
+    let (name, [age, max]) = (&sensor.name, [sensor.age_limit_s, max_age_s].map(|s| rounded(s * 1e3)));
+    Some(format!(
+        "sensor {name}: age-limit-ms {age} is longer than live-max-age-ms {max} of [engine], after which its live value is taken back \
+         all the same; raise live-max-age-ms where it speaks less often than that"
+    ))
 }
 
 /// Rate and acceleration at which an offset stays in the machine long after a stop.
@@ -156,6 +174,18 @@ mod tests {
     fn only(keys: &[(&str, &str)], parts: &[&str]) {
         let found = noted(keys);
         assert!(found.len() == 1 && parts.iter().all(|part| found[0].contains(part)), "{keys:?}: {found:?}");
+    }
+
+    #[test]
+    fn a_sensor_that_may_be_silent_for_longer_than_its_value_counts() {
+        let sensor = |kind, age_limit_s| SensorSpec { age_limit_s, ..SensorSpec::new("probe", kind) };
+        assert_eq!(slow_sensor(&sensor(SensorKind::Value, 0.5), 0.5), None);
+        assert_eq!(slow_sensor(&sensor(SensorKind::Temperature, 60.0), 0.5), None);
+        let note = slow_sensor(&sensor(SensorKind::Value, 2.0), 0.5).unwrap();
+        assert!(
+            note.contains("sensor probe: age-limit-ms 2000 is longer than live-max-age-ms 500"),
+            "{note}"
+        );
     }
 
     #[test]

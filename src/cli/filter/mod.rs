@@ -4,7 +4,7 @@ mod picture;
 
 use std::fmt::Write as _;
 
-use super::operator_commands::Common;
+use super::operator_commands::{Common, refusal};
 use super::recordings;
 use super::status::{Which, failure, json, socket};
 use crate::prelude::*;
@@ -51,7 +51,7 @@ pub(super) struct ForgetArgs {
 fn forget(ForgetArgs { map, common }: &ForgetArgs) -> Result<()> {
     let reason = common.reason.clone();
     let ask = Ask { command: Verb::Forget, map: Some(map.clone()), reason, ..Ask::default() };
-    let answer = client::ask(&socket(&common.which)?, &ask).map_err(|e| failure(&e))?;
+    let answer = client::ask(&socket(&common.which)?, &ask).map_err(|e| refusal(&e))?;
     if common.json {
         say!("{}", json(&answer)?);
     } else {

@@ -8,6 +8,7 @@ use super::super::clock::Clock;
 use super::super::link_session::LinkSession;
 use super::lock_step::{CycleLockStep, EstimatorLockStep, EstimatorTime, lock_step};
 use volcomp_estimate::live::{LiveEvaluator, LiveTable};
+use volcomp_model::SENSORS_MAX;
 use volcomp_protocol::{AxisUnit, ControlHello, Position, Tool};
 use volcomp_units::MonoTime;
 use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
@@ -53,6 +54,8 @@ pub struct LiveEnd {
     /// Hash of the model in use.
     model: [u8; 32],
     lock_step: Option<CycleLockStep>,
+    /// In lock step: the last value of each channel, and when its reading arrived.
+    held: [Option<(f64, MonoTime)>; SENSORS_MAX],
 }
 
 /// The estimator's end.
@@ -94,6 +97,7 @@ pub fn live_ends(model: [u8; 32]) -> (LiveEnd, EstimatorEnd) {
         linear: [None; 3],
         model,
         lock_step: None,
+        held: [None; SENSORS_MAX],
     };
     (cycle, EstimatorEnd { motions, tables, lock_step: None })
 }
@@ -109,6 +113,7 @@ impl LiveEnd {
             let used = hello.used_axes();
             used.iter().position(|axis| axis.name == name && axis.unit == AxisUnit::Millimetre)
         });
+        self.held = [None; SENSORS_MAX];
         let _ = self.motions.try_send(Motion::Axes { axes });
         if let Some(lock_step) = &mut self.lock_step {
             lock_step.link_up();
@@ -138,6 +143,7 @@ impl LiveEnd {
     /// # Cycle   no allocation, no wait, no panic
     pub const fn model(&mut self, hash: [u8; 32]) {
         self.model = hash;
+        self.held = [None; SENSORS_MAX];
     }
 
     /// What comes after the answer to a frame: its position goes out, live values for the next one come in. In lock step
@@ -163,10 +169,102 @@ impl LiveEnd {
             drop(self.evaluator.swap(Some(table), at));
         }
         let Some(told) = self.evaluator.evaluate(now, &self.model, at) else { return };
-        for (channel, value) in told.values.iter().enumerate() {
-            if told.told >> channel & 1 == 1 {
-                session.live(received, channel, *value);
+        for (channel, held) in self.held.iter_mut().enumerate() {
+            let new = (told.told >> channel & 1 == 1).then(|| (told.values[channel], told.heard[channel]));
+            // the engine counts time by the computer: in lock step it is told again how old a value is by now
+            let kept = if self.lock_step.is_some() { new.or(*held) } else { new };
+            *held = kept;
+            if let Some((value, heard)) = kept {
+                let age_ns = now.ns.saturating_sub(heard.ns).max(0);
+                session.live(MonoTime::from_ns(received.ns.saturating_sub(age_ns)), channel, value);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::{load, tap};
+    use volcomp_config::model::parse;
+    use volcomp_estimate::live::table::Source;
+    use volcomp_model::Model;
+    use volcomp_protocol::record::Entry;
+    use volcomp_protocol::{Axis, MachineState, Name, PROTOCOL_VERSION};
+
+    const MODEL: [u8; 32] = [7; 32];
+
+    fn at(ms: i64) -> MonoTime {
+        MonoTime::from_ns(ms * 1_000_000)
+    }
+
+    /// When the engine was told a live value of a reading that arrived 300 ms ago, in two frames 200 ms of the control
+    /// apart; the sensor is excluded between them.
+    fn told((mut cycle, estimator): (LiveEnd, EstimatorEnd), received: [i64; 2]) -> Vec<i64> {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/examples/vmc-850/machine.toml");
+        let loaded = load(&file).expect("the example loads");
+        let text = loaded.model.text + "[errors.exx.live]\nsensor = \"ram\"\nlimit-um = 50\n";
+        let model = Model::new(&parse("model", &text).expect("valid")).expect("a model");
+        let axes = &loaded.config.axes;
+        let hello = ControlHello {
+            version: PROTOCOL_VERSION,
+            machine: Name::new(&loaded.config.machine),
+            software: Name::new("test"),
+            cycle_ns: 1_000_000,
+            axis_count: u8::try_from(axes.len()).expect("few"),
+            axes: core::array::from_fn(|k| Axis {
+                name: axes[k.min(axes.len() - 1)].name,
+                unit: AxisUnit::Millimetre,
+            }),
+        };
+        let config = loaded.config.engine_config(&hello).expect("fits");
+        let mut session = LinkSession::new(&config, Arc::new(model)).expect("an engine");
+        let (tap, entries) = tap(100);
+        session.record_to(tap, MonoTime::ZERO, &hello);
+        let first = Source::Value { value: 0.01, heard: at(700) };
+        let frames = [(0, at(1000), first), (1, at(1200), Source::None)];
+        for ((sequence, made, source), received) in frames.into_iter().zip(received) {
+            let mut sources = [Source::None; SENSORS_MAX];
+            sources[0] = source;
+            let table = Arc::new(LiveTable { model: MODEL, made, sources, maps: Vec::new() });
+            estimator.tables.try_send(Arc::clone(&table)).expect("room");
+            if let Some(lock_step) = &estimator.lock_step {
+                lock_step.tell(MonoTime::from_ns(i64::MAX));
+            }
+            let frame = Position {
+                sequence,
+                control_ns: made.ns,
+                state: MachineState::from_bits(0),
+                feed_mm_per_min: 0.0,
+                commanded: [0.0; MAX_AXES],
+                actual: [0.0; MAX_AXES],
+                applied: [0.0; MAX_AXES],
+            };
+            cycle.after(at(received), &frame, &mut session);
+            session.record();
+        }
+        let live = |entry| match entry {
+            Entry::Live { now, told: 1, values } if values[0] == 0.01 => Some(now.ns / 1_000_000),
+            _ => None,
+        };
+        entries.try_iter().filter_map(live).collect()
+    }
+
+    #[test]
+    fn a_live_value_counts_from_its_reading() {
+        assert_eq!(told(live_ends(MODEL), [1000, 1200]), [700], "the engine holds it from there");
+    }
+
+    #[test]
+    fn in_lock_step_a_live_value_ages_by_the_controls_time() {
+        let (mut cycle, estimator) = live_ends_in_lock_step(MODEL);
+        if let Some(lock_step) = &mut cycle.lock_step {
+            // the estimator's time is that of the control from here on
+            let _ = lock_step.frame(0);
+        }
+        // 200 ms of the control in 2 ms of the computer
+        assert_eq!(told((cycle, estimator), [5000, 5002]), [4700, 4502]);
     }
 }

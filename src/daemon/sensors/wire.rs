@@ -17,6 +17,8 @@ use volcomp_units::{NS_PER_S, mm_from_um, rad_from_arcsec};
 pub(super) const MESSAGE_MAX: usize = 64 * 1024;
 /// Most points in one message.
 const POINTS_MAX: usize = 500;
+/// Largest difference of a covariance from its mirror image, as a share of the two standard deviations: rounding.
+const SYMMETRY: f64 = 1e-6;
 /// Begin of a binary message.
 const MAGIC: [u8; 4] = *b"VCS1";
 /// Bytes before the name.
@@ -140,6 +142,9 @@ impl Stream {
             .collect();
         let stamp_ns = i64::from_le_bytes(core::array::from_fn(|k| content[8 + k]));
         let quality = f64::from(f32::from_le_bytes(core::array::from_fn(|k| content[16 + k])));
+        if !is_share(quality) {
+            return Some(Err(wrong("the quality is not from 0 to 1")));
+        }
         let body = binary_body(kind, &numbers).map_err(wrong);
         let sensor = sensor.to_owned();
         Some(body.map(|body| Said { sensor, reading: Reading { stamp_ns, quality, body } }))
@@ -167,6 +172,9 @@ fn binary_body(kind: u8, n: &[f64]) -> Result<Body, &'static str> {
                 Some(seen(kind == 1, if kind == 1 { unit(direction)? } else { direction }))
             };
             let covariance = n.get(6..42).map(Matrix6::from_row_slice);
+            if covariance.is_some_and(|c| asymmetry(&c).is_some()) {
+                return Err("the covariance is not symmetric");
+            }
             Ok(Body::Tool(ToolReading { tip: seen(kind == 1, vector(n)), direction, covariance }))
         }
         3 | 4 => {
@@ -174,6 +182,9 @@ fn binary_body(kind: u8, n: &[f64]) -> Result<Body, &'static str> {
                 return Err("7 numbers per point are needed, of 1 to 500 points");
             }
             finite(n)?;
+            if n.chunks_exact(7).any(|p| p[6] < 0.0) {
+                return Err("a standard deviation is below 0");
+            }
             let point = |p: &[f64]| PointReading {
                 offset: vector(p),
                 position: seen(kind == 3, vector(&p[3..])),
@@ -184,6 +195,9 @@ fn binary_body(kind: u8, n: &[f64]) -> Result<Body, &'static str> {
         5 => {
             let [x, y, z, value, std] = fixed(n)?;
             let direction = unit(Vec3::new(x, y, z))?;
+            if std < 0.0 {
+                return Err("a standard deviation is below 0");
+            }
             Ok(Body::Deviation { direction, value, std: (std > 0.0).then_some(std) })
         }
         6 => Ok(Body::FiveDof(fixed(n)?)),
@@ -214,6 +228,17 @@ fn finite(n: &[f64]) -> Result<(), &'static str> {
 fn fixed<const N: usize>(n: &[f64]) -> Result<[f64; N], &'static str> {
     finite(n)?;
     <[f64; N]>::try_from(n).map_err(|_| "another number of numbers is needed")
+}
+
+fn is_share(quality: f64) -> bool {
+    (0.0..=1.0).contains(&quality)
+}
+
+/// Row and column, from 1, of a number that differs from its mirror image by more than rounding.
+fn asymmetry(c: &Matrix6<f64>) -> Option<(usize, usize)> {
+    let pairs = (0..6).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let differs = |(i, j)| (c[(i, j)] - c[(j, i)]).abs() > SYMMETRY * (c[(i, i)] * c[(j, j)]).abs().sqrt();
+    pairs.into_iter().find(|at| differs(*at)).map(|(i, j)| (i + 1, j + 1))
 }
 
 fn unit(v: Vec3) -> Result<Vec3, &'static str> {
@@ -322,6 +347,9 @@ fn reading_of(line: Line) -> Result<Said, String> {
     };
     let sensor = line.sensor.clone();
     let quality = line.quality.unwrap_or(1.0);
+    if !is_share(quality) {
+        return Err(format!("quality is {quality}, 0 (unusable) to 1 (best) is taken"));
+    }
     let mut bodies = bodies_of(line)?;
     match (bodies.pop(), bodies.is_empty()) {
         (Some(body), true) => Ok(Said { sensor, reading: Reading { stamp_ns, quality, body } }),
@@ -344,7 +372,7 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
             .map(|p| {
                 let position = one_of(p.position_mm.map(Vec3::from), p.deviation_um.map(um))
                     .ok_or("a point has either position_mm or deviation_um")?;
-                let std = p.std_um.filter(|s| *s > 0.0).map(mm_from_um);
+                let std = std_of(p.std_um)?;
                 Ok(PointReading { offset: Vec3::from(p.offset_mm), position, std })
             })
             .collect();
@@ -352,16 +380,18 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
     }
     if let Some(circles) = line.circles {
         counted("circles", circles.len(), POINTS_MAX)?;
-        let centre = |c: &Circle| PointReading {
-            offset: Vec3::new(0.0, 0.0, c.height_mm),
-            position: Seen::Absolute(Vec3::from(c.centre_mm)),
-            std: c.std_um.filter(|s| *s > 0.0).map(mm_from_um),
+        let centre = |c: &Circle| {
+            Ok(PointReading {
+                offset: Vec3::new(0.0, 0.0, c.height_mm),
+                position: Seen::Absolute(Vec3::from(c.centre_mm)),
+                std: std_of(c.std_um)?,
+            })
         };
-        bodies.push(Body::Points(circles.iter().map(centre).collect()));
+        bodies.push(Body::Points(circles.iter().map(centre).collect::<Result<_, String>>()?));
     }
     for d in line.deviation.iter().chain(&line.probe) {
         let direction = unit(Vec3::from(d.direction))?;
-        let std = d.std_um.filter(|s| *s > 0.0).map(mm_from_um);
+        let std = std_of(d.std_um)?;
         bodies.push(Body::Deviation { direction, value: mm_from_um(d.value_um), std });
     }
     if let Some(f) = line.five_dof {
@@ -381,6 +411,14 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
     }
     bodies.extend(line.speed_rpm.map(Body::Speed));
     Ok(bodies)
+}
+
+/// A stated noise, mm; 0 states none.
+fn std_of(um: Option<f64>) -> Result<Option<f64>, String> {
+    match um {
+        Some(um) if um < 0.0 => Err(format!("std_um is {um}, 0 (not stated) or more is taken")),
+        um => Ok(um.filter(|um| *um > 0.0).map(mm_from_um)),
+    }
 }
 
 /// A list must say something, and no more than is taken.
@@ -414,7 +452,14 @@ fn tool(pose: &Pose) -> Result<ToolReading, String> {
         None => None,
         Some(list) if list.len() == 36 => {
             let unit = |k: usize| if k < 3 { mm_from_um(1.0) } else { rad_from_arcsec(1.0) };
-            Some(Matrix6::from_fn(|i, j| list[6 * i + j] * unit(i) * unit(j)))
+            let covariance = Matrix6::from_fn(|i, j| list[6 * i + j] * unit(i) * unit(j));
+            if let Some((row, column)) = asymmetry(&covariance) {
+                let [a, b] = [(row, column), (column, row)].map(|(i, j)| list[6 * (i - 1) + j - 1]);
+                return Err(format!(
+                    "covariance is not symmetric: row {row}, column {column} is {a}, and row {column}, column {row} is {b}"
+                ));
+            }
+            Some(covariance)
         }
         Some(list) => return Err(format!("covariance has {} numbers, 36 are needed", list.len())),
     };
@@ -505,6 +550,27 @@ mod tests {
                 "unit vector",
             ),
             (r#"{"sensor": "t", "t_s": 1, "pose": {"tip_mm": [1, 2, 3], "covariance": [1]}}"#, "36"),
+            (
+                r#"{"sensor": "t", "t_s": 1, "value_um": 1, "quality": 1.5}"#,
+                "quality is 1.5, 0 (unusable) to 1",
+            ),
+            (r#"{"sensor": "t", "t_s": 1, "value_um": 1, "quality": -0.1}"#, "quality is -0.1"),
+            (
+                r#"{"sensor": "t", "t_s": 1, "probe": {"direction": [0, 1, 0], "value_um": 1, "std_um": -2}}"#,
+                "std_um is -2",
+            ),
+            (
+                r#"{"sensor": "t", "t_s": 1, "points": [{"offset_mm": [0, 0, 0], "deviation_um": [1, 2, 3], "std_um": -1}]}"#,
+                "std_um is -1",
+            ),
+            (
+                r#"{"sensor": "t", "t_s": 1, "circles": [{"height_mm": 1, "centre_mm": [1, 2, 3], "std_um": -1}]}"#,
+                "std_um is -1",
+            ),
+            (
+                r#"{"sensor": "t", "t_s": 1, "pose": {"tip_mm": [1, 2, 3], "covariance": [4,0,0,0,0,0, 3,4,0,0,0,0, 0,0,4,0,0,0, 0,0,0,1,0,0, 0,0,0,0,1,0, 0,0,0,0,0,1]}}"#,
+                "covariance is not symmetric: row 2, column 1 is 3, and row 1, column 2 is 0",
+            ),
             (r#"{"sensor": "t", "t_s": 1, "points": []}"#, "points has 0 entries"),
             (r#"{"sensor": "t", "t_s": 1, "circles": []}"#, "circles has 0 entries"),
             (r#"{"sensor": "t", "t_s": 1, "temperature_degc": []}"#, "1 to 16 are taken"),
@@ -574,6 +640,19 @@ mod tests {
         pose.extend([f64::INFINITY; 36]);
         refused(1, &pose, "not finite");
         refused(9, &[], "1 to 16");
+        refused(5, &[0.0, 0.0, 1.0, 0.1, -0.1], "below 0");
+        refused(3, &[0.0, 0.0, 0.0, 1.0, 2.0, 3.0, -0.1], "below 0");
+        pose[6..].fill(1e-6);
+        pose[7] = 2e-6;
+        refused(1, &pose, "not symmetric");
+        for quality in [-0.1_f32, 1.5, f32::NAN] {
+            let mut bytes = binary(8, "t", &[1.0]);
+            bytes[16..20].copy_from_slice(&quality.to_le_bytes());
+            let end = bytes.len() - 4;
+            let sum = crc32c::crc32c(&bytes[..end]);
+            bytes[end..].copy_from_slice(&sum.to_le_bytes());
+            assert!(one(&bytes).unwrap_err().to_string().contains("from 0 to 1"), "{quality}");
+        }
         pose[6..].fill(1e-6);
         assert!(
             matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_some())

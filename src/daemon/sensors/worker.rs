@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use tracing::{info, warn};
@@ -16,8 +16,9 @@ use super::lock_step::EstimatorTime;
 use super::{Arrived, checkpoint};
 use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
+use volcomp_engine::fault::Code;
 use volcomp_estimate::live::{
-    LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, MotionSample, ThermalStatus,
+    Body, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, MotionSample, ThermalStatus,
 };
 use volcomp_estimate::{self as estimate, SensorClock};
 use volcomp_model::geometry::Vec3;
@@ -28,6 +29,8 @@ use volcomp_units::{MonoTime, rad_from_deg};
 const READINGS: usize = 4096;
 /// Orders in flight.
 const ORDERS: usize = 16;
+/// Warnings that the service has not counted yet.
+const WARNINGS: usize = 1024;
 /// Pause between two looks at the queues.
 const POLL: Duration = Duration::from_millis(4);
 /// Time for readings in one round; what comes on top of it is left out, so that tables, states and positions never wait
@@ -39,6 +42,8 @@ const RELIEF_S: f64 = 10.0;
 const SWITCH_LIMIT: Duration = Duration::from_secs(1);
 /// Interval of new tables, s.
 const TABLE_S: f64 = 0.05;
+/// The same where a sensor has told a live value meanwhile: no value grows older than it must on its way.
+const FRESH_TABLE_S: f64 = 0.01;
 /// Interval of health reports, s.
 const HEALTH_S: f64 = 0.2;
 /// Interval at which health goes into the recording, s.
@@ -63,6 +68,7 @@ pub(crate) struct Sensors {
     orders: Sender<Order>,
     ended: Receiver<()>,
     health: Arc<Mutex<FilterStatus>>,
+    warnings: Receiver<(Code, String)>,
     pub(crate) readings: Sender<Arrived>,
     pub(crate) dropped: Arc<AtomicU64>,
     pub(crate) known: Arc<[ConfiguredSensor]>,
@@ -104,18 +110,23 @@ impl Sensors {
         let (orders, order_receiver) = bounded(ORDERS);
         let (readings, reading_receiver) = bounded(READINGS);
         let (end, ended) = bounded::<()>(1);
+        let (warning_sender, warnings) = bounded(WARNINGS);
         let health = Arc::new(Mutex::new(FilterStatus::default()));
         let dropped = Arc::new(AtomicU64::new(0));
         let known: Arc<[ConfiguredSensor]> =
             start.config.spec.sensors.iter().map(ConfiguredSensor::new).collect();
-        let shared =
-            Shared { known: Arc::clone(&known), health: Arc::clone(&health), dropped: Arc::clone(&dropped) };
+        let shared = Shared {
+            known: Arc::clone(&known),
+            health: Arc::clone(&health),
+            warnings: warning_sender,
+            dropped: Arc::clone(&dropped),
+        };
         let worker = Worker::new(start, order_receiver, reading_receiver, shared)?;
         std::thread::Builder::new().name("volcomp-live".to_owned()).spawn(move || {
             let _end = end;
             worker.run();
         })?;
-        Ok(Self { orders, ended, health, readings, dropped, known })
+        Ok(Self { orders, ended, health, warnings, readings, dropped, known })
     }
 
     /// How it goes.
@@ -123,6 +134,11 @@ impl Sensors {
         let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner).clone();
         health.dropped = self.dropped.load(Relaxed);
         health
+    }
+
+    /// Every warning since the last call, however short it was: its number, and what it is about.
+    pub(crate) fn warnings(&self) -> impl Iterator<Item = (Code, String)> + '_ {
+        self.warnings.try_iter().take(WARNINGS)
     }
 
     /// Another model is in use.
@@ -206,7 +222,15 @@ impl Follower {
 struct Shared {
     known: Arc<[ConfiguredSensor]>,
     health: Arc<Mutex<FilterStatus>>,
+    warnings: Sender<(Code, String)>,
     dropped: Arc<AtomicU64>,
+}
+
+impl Shared {
+    /// Has a warning counted; a queue that is full costs the count, the log has it all the same.
+    fn count(&self, code: Code, about: impl Into<String>) {
+        let _ = self.warnings.try_send((code, about.into()));
+    }
 }
 
 /// More readings than there is time for.
@@ -234,9 +258,12 @@ struct Worker {
     map_states: Vec<MapCondition>,
     growths: Vec<ThermalStatus>,
     tabled: MonoTime,
+    /// A sensor has told a live value since the last table.
+    is_fresh: bool,
     recorded: MonoTime,
     told: MonoTime,
-    kept: MonoTime,
+    /// By the computer's clock, as the disk's time is.
+    kept: Instant,
 }
 
 impl Worker {
@@ -262,9 +289,10 @@ impl Worker {
             map_states: Vec::new(),
             growths: Vec::new(),
             tabled: now,
+            is_fresh: false,
             recorded: now,
             told: now,
-            kept: now,
+            kept: Instant::now(),
             start,
         };
         worker.take_model();
@@ -289,7 +317,14 @@ impl Worker {
                 }
                 for note in &self.notes {
                     // one with a number is about something that is wrong
-                    if note.starts_with("VC-") { warn!("{note}") } else { info!("{note}") }
+                    let numbered =
+                        note.split_once(": ").and_then(|(code, of)| Some((Code::parse(code)?, of)));
+                    if let Some((code, about)) = numbered {
+                        warn!("{note}");
+                        self.shared.count(code, about);
+                    } else {
+                        info!("{note}");
+                    }
                 }
                 for known in self.shared.known.iter() {
                     known.set_unit(
@@ -299,8 +334,10 @@ impl Worker {
                 self.estimator = Some(estimator);
             }
             Err(problem) => {
-                let note = format!("VC-8020: no live estimation with this model: {problem}");
+                let code = Code::LIVE_UNUSED;
+                let note = format!("{code}: no live estimation with this model: {problem}");
                 warn!("{note}");
+                self.shared.count(code, problem.to_string());
                 self.notes.push(note);
                 self.shared.known.iter().for_each(|known| known.set_unit(None));
                 self.estimator = None;
@@ -328,8 +365,9 @@ impl Worker {
                 estimator.tick(now);
             }
             self.log_changes();
-            if now.seconds_since(self.tabled) >= TABLE_S {
-                self.tabled = now;
+            let interval = if self.is_fresh { FRESH_TABLE_S } else { TABLE_S };
+            if now.seconds_since(self.tabled) >= interval {
+                (self.tabled, self.is_fresh) = (now, false);
                 self.hand_over(now);
             }
             if now.seconds_since(self.told) >= HEALTH_S {
@@ -344,8 +382,8 @@ impl Worker {
                 self.finish();
                 return;
             }
-            if now.seconds_since(self.kept) >= self.start.config.keep_s {
-                self.kept = now;
+            if self.kept.elapsed().as_secs_f64() >= self.start.config.keep_s {
+                self.kept = Instant::now();
                 self.keep();
             }
             match &self.start.end.lock_step {
@@ -423,6 +461,8 @@ impl Worker {
                 estimator.skip(now, sensor);
             } else {
                 estimator.on_reading(now, sensor, &reading);
+                self.is_fresh |=
+                    matches!(reading.body, Body::Value { .. } | Body::FiveDof(_) | Body::FiveDofRaw(_));
             }
         }
         self.log_overload(begin, left_out);
@@ -434,10 +474,9 @@ impl Worker {
         self.overload.dropped = dropped;
         match self.overload.since {
             None if left_out => {
-                warn!(
-                    code = "VC-8018",
-                    "the estimator does not keep up with its sensors; readings are left out"
-                );
+                let code = Code::ESTIMATOR_OVERLOADED;
+                warn!(%code, "the estimator does not keep up with its sensors; readings are left out");
+                self.shared.count(code, "readings are left out");
             }
             Some(since) if !left_out && now.seconds_since(since) > RELIEF_S => {
                 info!("the estimator keeps up with its sensors again");
@@ -461,20 +500,24 @@ impl Worker {
                 estimate::SensorStatus::Good => info!(sensor = name, "the sensor is believed"),
                 estimate::SensorStatus::Waiting => {}
                 estimate::SensorStatus::Excluded(sensor_fault) => {
-                    let (code, cause) = (code_of(sensor_fault).to_string(), sensor_fault.name());
-                    warn!(sensor = name, cause, code, "the sensor is excluded");
+                    let (code, cause) = (code_of(sensor_fault), sensor_fault.name());
+                    warn!(sensor = name, cause, %code, "the sensor is excluded");
+                    self.shared.count(code, name);
                 }
             }
         }
         let states: Vec<MapCondition> = estimator.map_states().map(|(_, status)| status).collect();
         for (k, (name, status)) in estimator.map_states().enumerate() {
-            log_map(name, self.map_states.get(k).copied().unwrap_or_default(), status);
+            log_map(name, self.map_states.get(k).copied().unwrap_or_default(), status, &self.shared);
         }
         let growths: Vec<ThermalStatus> = estimator.thermal_statuses().map(|(_, s, _)| s).collect();
         for (k, (name, status, input)) in estimator.thermal_statuses().enumerate() {
             let before = self.growths.get(k).copied().unwrap_or(ThermalStatus::Waiting(0));
             if before != status {
                 log_thermal(name, status, input.unwrap_or_default());
+                if let Some(code) = growth_code(status) {
+                    self.shared.count(code, name);
+                }
             }
         }
         (self.statuses, self.map_states, self.growths) = (statuses, states, growths);
@@ -498,7 +541,8 @@ impl Worker {
         };
         status.notes.clone_from(&self.notes);
         if self.overload.since.is_some() {
-            status.notes.push("VC-8018: the estimator does not keep up with its sensors".to_owned());
+            let code = Code::ESTIMATOR_OVERLOADED;
+            status.notes.push(format!("{code}: the estimator does not keep up with its sensors"));
         }
         *self.shared.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
     }
@@ -546,16 +590,20 @@ impl Worker {
 }
 
 /// A map stands otherwise than before.
-fn log_map(map: &str, before: MapCondition, now: MapCondition) {
+fn log_map(map: &str, before: MapCondition, now: MapCondition, shared: &Shared) {
+    let warned = |code: Code, text: &str| {
+        warn!(map, %code, "{text}");
+        shared.count(code, map);
+    };
     if now.limited && !before.limited {
-        warn!(map, code = "VC-8019", "the map exceeds its limit; the limit is used");
+        warned(Code::MAP_LIMITED, "the map exceeds its limit; the limit is used");
     } else if before.limited && !now.limited {
         info!(map, "the map is within its limit again");
     }
     match (now.alarm, now.is_static) {
         of if of == (before.alarm, before.is_static) => {}
-        (_, true) => warn!(map, code = "VC-8012", "the map is given up for the static model"),
-        (true, false) => warn!(map, code = "VC-8011", "a sensor contradicts the map"),
+        (_, true) => warned(Code::MAP_STATIC, "the map is given up for the static model"),
+        (true, false) => warned(Code::MAP_ALARM, "a sensor contradicts the map"),
         (false, false) => info!(map, "the map is learned again"),
     }
 }

@@ -49,7 +49,12 @@ impl Service {
             // known before the cycle thread runs
             self.channels.progress.set_state(State::Faulted);
         }
-        if let Some(gain) = gain.filter(|gain| *gain != self.gain) {
+        let file = self.gain;
+        if let Some(gain) = gain.filter(|gain| *gain > file) {
+            // the machine file may have been changed since: nothing applies a larger share than it says
+            info!(gain, file, "the gain ordered before the restart is above [engine] gain, which counts");
+        }
+        if let Some(gain) = gain.filter(|gain| *gain < file) {
             info!(gain, "the gain ordered before the restart");
             self.gain = gain;
             self.request(Request::Engine(Command::SetGain(gain)));

@@ -171,6 +171,7 @@ impl LiveEstimator {
                 let mut values = [0.0; VALUES_MAX];
                 values[state.unit.index() * VALUES_MAX / 2] = *value;
                 state.value = state.judge(now, when, reading, &values).then_some(*value);
+                state.told = now;
                 state.readings[1] += u64::from(state.value.is_some());
             }
             (SensorKind::Temperature, Body::Temperatures(list)) => state.believe(now, when, reading, list),
@@ -205,6 +206,7 @@ impl LiveEstimator {
                 self.history.at(when.0.plus_seconds(-SPEED_S)).map_or(q, |m| m.commanded[laser.index()]);
             let travel = if q < before { Travel::Reverse } else { Travel::Forward };
             laser.take(q, travel, motion, dt);
+            state.told = now;
             state.readings[1] += 1;
         }
     }
@@ -212,18 +214,20 @@ impl LiveEstimator {
     /// Live values that do not come from maps.
     fn live_values(&self) -> [f64; SENSORS_MAX] {
         let mut live = [0.0; SENSORS_MAX];
-        for (channel, value) in self.direct().chain(self.grown()) {
+        let direct = self.direct().map(|(channel, value, _)| (channel, value));
+        for (channel, value) in direct.chain(self.grown()) {
             live[channel] = value;
         }
         live
     }
 
-    /// Live values that sensors tell by themselves, as far as these can be believed.
-    fn direct(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+    /// Live values that sensors tell by themselves, as far as these can be believed, and when their readings arrived.
+    fn direct(&self) -> impl Iterator<Item = (usize, f64, MonoTime)> + '_ {
         let good = |s: &&SensorState| s.supervisor.status() == SensorStatus::Good;
         self.sensors.iter().filter(good).flat_map(|s| {
             let own = s.channel.zip(s.value);
-            own.into_iter().chain(s.laser.iter().flat_map(AxisLaser::values))
+            let all = own.into_iter().chain(s.laser.iter().flat_map(AxisLaser::values));
+            all.map(|(channel, value)| (channel, value, s.told))
         })
     }
 
@@ -235,8 +239,8 @@ impl LiveEstimator {
     /// What the cycle evaluates from now on.
     pub fn table(&mut self, now: MonoTime) -> LiveTable {
         let mut sources = [Source::None; SENSORS_MAX];
-        for (channel, value) in self.direct() {
-            sources[channel] = Source::Value(value);
+        for (channel, value, heard) in self.direct() {
+            sources[channel] = Source::Value { value, heard };
         }
         for (channel, value) in self.grown() {
             sources[channel] = Source::Smooth(value);

@@ -45,6 +45,8 @@ pub(super) struct SensorState {
     /// Live value of the model that it tells, and the value.
     pub(super) channel: Option<usize>,
     pub(super) value: Option<f64>,
+    /// When the reading arrived that its live values are from.
+    pub(super) told: MonoTime,
     /// The last numbers that were believed (temperatures, speeds).
     pub(super) believed: Vec<f64>,
     /// What that live value is.
@@ -71,6 +73,7 @@ impl SensorState {
             laser,
             channel,
             value: None,
+            told: MonoTime::ZERO,
             believed: Vec::new(),
             unit: Kind::Length,
             last_at: None,

@@ -17,8 +17,13 @@ pub enum Source {
     /// From nowhere: the engine takes its part back.
     #[default]
     None,
-    /// A number, as it is.
-    Value(f64),
+    /// A number of a sensor, as it is; it counts from the arrival of the reading that it is from.
+    Value {
+        /// The number, mm or rad.
+        value: f64,
+        /// When that reading arrived.
+        heard: MonoTime,
+    },
     /// A number that changes slowly: where a new table has another one, it is taken over smoothly.
     Smooth(f64),
     /// A component of a map.
@@ -72,12 +77,14 @@ pub struct LiveEvaluator {
 }
 
 /// Values that were worked out: bit k of `told` for value k.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Told {
     /// Which.
     pub told: u32,
     /// The values, mm or rad.
     pub values: [f64; SENSORS_MAX],
+    /// When the reading of each arrived; now for what maps and growths tell.
+    pub heard: [MonoTime; SENSORS_MAX],
 }
 
 impl LiveEvaluator {
@@ -116,11 +123,12 @@ impl LiveEvaluator {
             self.smooth = 0;
             return None;
         }
-        let mut out = Told::default();
+        let mut out = Told { told: 0, values: [0.0; SENSORS_MAX], heard: [now; SENSORS_MAX] };
         let mut smooth = 0;
         let keep = 1.0 - dt / BLEND_S;
         for (k, source) in table.sources.iter().enumerate() {
-            let value = if let Source::Value(value) = source {
+            let value = if let Source::Value { value, heard } = source {
+                out.heard[k] = *heard;
                 *value
             } else {
                 let Some(value) = table.smooth(k, position) else { continue };
@@ -145,7 +153,7 @@ impl LiveTable {
     /// Value `k` where it is one that is taken over smoothly.
     fn smooth(&self, k: usize, position: [f64; 3]) -> Option<f64> {
         match self.sources.get(k)? {
-            Source::None | Source::Value(_) => None,
+            Source::None | Source::Value { .. } => None,
             Source::Smooth(value) => Some(*value),
             Source::Map { map, component } => Some(self.maps.get(*map)?.value(*component, position)),
         }
@@ -173,7 +181,7 @@ mod tests {
         let values = (0..8).map(|n| level + grid.node(n)[0] * 1e-5).collect();
         let mut sources = [Source::None; SENSORS_MAX];
         sources[2] = Source::Map { map: 0, component: 0 };
-        sources[4] = Source::Value(level);
+        sources[4] = Source::Value { value: level, heard: at(made_ms - 30) };
         let maps = vec![Arc::new(TableMap { grid, values })];
         Some(Arc::new(LiveTable { model: MODEL, made: at(made_ms), sources, maps }))
     }
@@ -190,6 +198,7 @@ mod tests {
         let first = evaluator.evaluate(at(0), &MODEL, [50.0; 3]).unwrap();
         assert_eq!(first.told, 1 << 2 | 1 << 4);
         assert!((first.values[2] - 1.5e-3).abs() < 1e-15 && first.values[4] == 1e-3);
+        assert_eq!((first.heard[2], first.heard[4]), (at(0), at(-30)), "a value is as old as its reading");
         assert_eq!(evaluator.evaluate(at(5), &MODEL, [50.0; 3]), None, "not due");
         assert!(evaluator.swap(table(10, 2e-3), [50.0; 3]).is_some(), "the old one comes back");
         let mut last = first.values[2];

@@ -38,6 +38,12 @@ pub enum Note {
         /// Entries lost, at most.
         records: u32,
     },
+    /// A report of live estimation is damaged: it costs no entry.
+    #[error("byte {at}: a report of live estimation is damaged and left out; no record is missing")]
+    Health {
+        /// Where its block begins.
+        at: u64,
+    },
     /// A block of a later version that may be passed over.
     #[error("byte {at}: a block of kind {kind} of a later version was passed over")]
     UnknownBlock {
@@ -69,6 +75,12 @@ pub struct Recording<'a> {
 }
 
 impl Note {
+    /// True where it is about entries, or about what is needed to repeat them.
+    #[must_use]
+    pub const fn is_damage(&self) -> bool {
+        !matches!(self, Self::Health { .. } | Self::UnknownBlock { .. })
+    }
+
     /// Number behind the last entry of the damaged blocks.
     #[must_use]
     pub fn known_end<'n>(notes: impl Iterator<Item = &'n Self>) -> u64 {
@@ -144,7 +156,7 @@ impl<'a> Recording<'a> {
             },
             BlockKind::Health => match block.content().ok().and_then(|c| String::from_utf8(c).ok()) {
                 Some(text) => self.health.push((block.first_ns, text)),
-                None => self.notes.push(damaged),
+                None => self.notes.push(Note::Health { at }),
             },
             BlockKind::Model | BlockKind::Machine => match block.content().ok().and_then(|c| hashed_text(&c))
             {

@@ -164,6 +164,20 @@ fn damage_costs_one_block_and_says_how_much() {
 }
 
 #[test]
+fn a_damaged_report_of_live_estimation_costs_no_entry() {
+    let (mut bytes, places) = file(&run(20), 10);
+    let report = block::seal(BlockKind::Health, 0, 0, 5, b"{}").unwrap();
+    let at = places[1];
+    bytes.splice(at..at, report.iter().copied());
+    let (items, notes) = read(&bytes);
+    assert!(notes.is_empty(), "{notes:?}");
+    bytes[at + block::BLOCK_HEADER + 1] ^= 1;
+    let (same, notes) = read(&bytes);
+    assert_eq!((same, notes.as_slice()), (items, [Note::Health { at: at as u64 }].as_slice()));
+    assert!(!notes[0].is_damage() && notes[0].to_string().contains("no record is missing"));
+}
+
+#[test]
 fn skipped_entries_leave_a_gap_that_tells_how_things_stand() {
     let entries = run(100);
     let mut encoder = Encoder::new();

@@ -23,7 +23,7 @@ pub(super) fn machine(
     setting.write(&model, &model_of(setting, mode, world)?)?;
     let mut text = format!(
         "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n[link]\naddress = \"{control}\"\n\
-         cycle-ms = 10.0\ninterface = \"read-write\"\npoll-ms = 0\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\n\
+         cycle-ms = 10.0\ninterface = \"read-write\"\npoll-ms = 0\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\nlive-max-age-ms = 20000.0\n\
          [realtime]\npriority = 0\nlock-memory = false\n[status]\nsocket = \"\"\n[log]\ntarget = \"stderr\"\n\
          [sensors]\nlisten = \"{sensors}\"\ntime = \"control\"\n{}",
         world.test.machine(),

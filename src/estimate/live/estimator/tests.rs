@@ -408,6 +408,29 @@ fn a_direction_that_points_the_other_way_is_refused_by_name() {
 }
 
 #[test]
+fn a_value_counts_from_the_reading_that_it_is_from() {
+    let spec = model_spec();
+    let model = Arc::new(Model::new(&spec).unwrap());
+    let mut live = live_spec();
+    live.maps.clear();
+    live.sensors = vec![SensorSpec { age_limit_s: 5.0, ..SensorSpec::new("ram.eaz", SensorKind::Value) }];
+    let mut it = LiveEstimator::new(&live, of(&spec, &model, [0; 32])).unwrap();
+    let at = |ms: i64| MonoTime::from_ns(ms * 1_000_000);
+    let say = |it: &mut LiveEstimator, ms: i64, value: f64| {
+        let body = Body::Value { value, unit: Some(Kind::Angle) };
+        it.on_reading(at(ms), 0, &Reading { stamp_ns: at(ms).ns, quality: 1.0, body });
+    };
+    say(&mut it, 10, 1e-5);
+    // another reading that there was no time for, and long silence: the value is not younger for that
+    it.skip(at(1000), 0);
+    it.tick(at(4000));
+    let channel = it.sensors[0].channel.unwrap();
+    assert_eq!(it.table(at(4000)).sources[channel], Source::Value { value: 1e-5, heard: at(10) });
+    say(&mut it, 4010, 2e-5);
+    assert_eq!(it.table(at(4020)).sources[channel], Source::Value { value: 2e-5, heard: at(4010) });
+}
+
+#[test]
 fn a_value_in_the_unit_of_another_quantity_is_refused_by_name() {
     let spec = model_spec();
     let model = Arc::new(Model::new(&spec).unwrap());
