@@ -65,7 +65,8 @@ pub(super) struct Frame {
 impl PointColumns {
     /// The columns `{prefix}x_mm` and so on, where they are there; refuses a part of them.
     pub(super) fn find(table: &mut Columns, prefix: &str) -> Result<Option<Self>> {
-        let kinds: [([&str; 3], fn([Column; 3]) -> Self); 2] = [
+        type Kind = ([&'static str; 3], fn([Column; 3]) -> PointColumns);
+        let kinds: [Kind; 2] = [
             (["x_mm", "y_mm", "z_mm"], Self::Cartesian),
             (["range_mm", "azimuth_deg", "elevation_deg"], Self::Spherical),
         ];
