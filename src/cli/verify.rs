@@ -58,7 +58,7 @@ pub(super) struct Args {
     #[command(flatten)]
     head: HeadArgs,
     #[command(flatten)]
-    record: record::Args,
+    record: record::RecordArgs,
 }
 
 /// A comparison with its reductions.

@@ -6,7 +6,7 @@ use volcomp_daemon::Verification;
 
 /// The file, and what only a person knows.
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub(super) struct RecordArgs {
     /// Write the result for the page of the daemon: `verification` of `http` in the machine file names this file.
     #[arg(long, value_name = "FILE.json", requires_all = ["date", "instrument"])]
     record: Option<PathBuf>,
@@ -29,7 +29,8 @@ fn day(text: &str) -> Result<String, String> {
 
 /// Writes the record, where one is asked for.
 pub(super) fn write(args: &super::Args, verified: &Verified) -> Result<()> {
-    let Args { record: Some(path), date: Some(date), instrument: Some(instrument), model } = &args.record
+    let RecordArgs { record: Some(path), date: Some(date), instrument: Some(instrument), model } =
+        &args.record
     else {
         return Ok(());
     };
