@@ -60,6 +60,9 @@ impl Units {
 /// Lengths that no machine tool keeps below, um; a column in mm that is named um looks so.
 const SMALLEST_UM: f64 = 0.1;
 
+/// Half of the width of the largest position detectors, um.
+const DETECTOR_UM: f64 = 25_000.0;
+
 /// What is wrong with a deviation (um or arcsec) that is larger than any machine's: it is in another unit than stated.
 pub(crate) fn beyond_machines(value: f64, is_angle: bool) -> Option<String> {
     let (limit, unit, hint): (_, _, fn(f64) -> &'static str) = if is_angle {
@@ -67,6 +70,15 @@ pub(crate) fn beyond_machines(value: f64, is_angle: bool) -> Option<String> {
     } else {
         (um_from_mm(LENGTH_LIMIT), "um", length_unit_hint)
     };
+    beyond((value, limit), unit, hint)
+}
+
+/// What is wrong with a place on a position detector, um, beyond half of the largest one.
+pub(crate) fn beyond_detectors(value_um: f64) -> Option<String> {
+    beyond((value_um, DETECTOR_UM), "um", length_unit_hint)
+}
+
+fn beyond((value, limit): (f64, f64), unit: &str, hint: fn(f64) -> &'static str) -> Option<String> {
     let size = value.abs();
     (size > limit).then(|| {
         let (shown, limit, hint) = (plain(size, 0), plain(limit, 0), hint(size));

@@ -124,7 +124,12 @@ impl Columns {
     /// A deviation or angular error of the current row, mm or rad; one larger than any machine's is refused.
     pub(crate) fn deviation(&self, column: Column) -> Result<f64> {
         let is_angle = self.columns()[column.index].ends_with("_arcsec");
-        match beyond_machines(self.number(column)?, is_angle) {
+        self.within(column, |v| beyond_machines(v, is_angle))
+    }
+
+    /// A number of the current row, mm or rad; one with which something is wrong, in the unit of the column, is refused.
+    pub(crate) fn within(&self, column: Column, wrong: impl Fn(f64) -> Option<String>) -> Result<f64> {
+        match wrong(self.number(column)?) {
             Some(what) => Err(self.fail(column, what)),
             None => self.value(column),
         }

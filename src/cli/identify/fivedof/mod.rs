@@ -8,6 +8,7 @@ use self::drift_check::DriftCheck;
 use self::head_file::HeadFile;
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
 use crate::identify::prelude::*;
+use crate::units::beyond_detectors;
 use volcomp_identify::fivedof::align::{Aligned, Level, Stretch, align};
 use volcomp_identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
 
@@ -131,7 +132,7 @@ fn channel_columns(table: &mut Columns, axis: AxisName) -> Result<ChannelColumns
 fn read_channels(row: &Columns, columns: &ChannelColumns) -> Result<Channels> {
     let mut channels = [[0.0; 2]; 5];
     for (value, column) in channels.as_flattened_mut().iter_mut().zip(columns.as_flattened()) {
-        *value = row.deviation(*column)?;
+        *value = row.within(*column, beyond_detectors)?;
     }
     Ok(channels)
 }
