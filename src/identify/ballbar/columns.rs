@@ -152,13 +152,9 @@ pub(super) fn of_effects(circles: &Circles) -> (Vec<Column>, Vec<(Effect, Reason
     (columns, missing)
 }
 
-/// Angle by which a reading at a reversal is still before it, rad.
-const BEFORE: f64 = 1e-6;
-
-/// Sense in which an axis travels, +1 towards plus; at its reversal the one before, for lost motion shows once the axis has moved on.
+/// Sense in which an axis travels: +1 towards plus.
 fn axis_travel(axis: usize, s: &Sample) -> f64 {
-    let angle = s.angle - sign(s.travel) * BEFORE;
-    let speed = if axis == 0 { -angle.sin() } else { angle.cos() };
+    let speed = if axis == 0 { -s.angle.sin() } else { s.angle.cos() };
     (sign(s.travel) * speed).signum()
 }
 

@@ -57,9 +57,6 @@ pub(super) fn shots(
 /// The points of every row, whatever their names; `names` grows with the files.
 pub(super) fn poses(path: &Path, frame: &Frame, names: &mut Vec<String>) -> Result<Vec<Vec<Option<Vec3>>>> {
     let mut table = table::open(path)?;
-    for of_run in ["position_mm", "cycle", "direction"] {
-        table.find_column(of_run);
-    }
     let mut columns: Vec<(usize, PointColumns)> = Vec::new();
     for column in table.columns().to_vec() {
         let Some(name) = column.strip_suffix("_x_mm").or_else(|| column.strip_suffix("_range_mm")) else {
@@ -72,7 +69,6 @@ pub(super) fn poses(path: &Path, frame: &Frame, names: &mut Vec<String>) -> Resu
         });
         columns.push((index, found));
     }
-    table.only_known()?;
     if columns.len() < 2 {
         return Err(data!(
             path,
