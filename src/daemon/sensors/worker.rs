@@ -449,20 +449,21 @@ impl Worker {
         waited_for
     }
 
-    /// Readings for as long as this round has time; the others only count as heard, whichever sensor they are of.
+    /// Readings of maps for as long as this round has time, of which the others only count as heard; what tells a value costs nothing
+    /// and must not grow old behind them.
     fn take_readings(&mut self) {
         let begin = self.start.time.now();
         let mut left_out = false;
         for Arrived { now, sensor, reading } in self.readings.try_iter().take(READINGS) {
             let Some(estimator) = &mut self.estimator else { continue };
             let Some(sensor) = estimator.sensor(&sensor) else { continue };
-            if left_out || self.start.time.now().seconds_since(begin) > ROUND_S {
+            let is_of_map = matches!(reading.body, Body::Tool(_) | Body::Points(_) | Body::Deviation { .. });
+            if is_of_map && (left_out || self.start.time.now().seconds_since(begin) > ROUND_S) {
                 left_out = true;
                 estimator.skip(now, sensor);
             } else {
                 estimator.on_reading(now, sensor, &reading);
-                self.is_fresh |=
-                    matches!(reading.body, Body::Value { .. } | Body::FiveDof(_) | Body::FiveDofRaw(_));
+                self.is_fresh |= !is_of_map;
             }
         }
         self.log_overload(begin, left_out);
