@@ -41,6 +41,7 @@ pub(crate) struct Setup {
     pub(crate) start: &'static str,
     /// Longer than this test may be kept from running, where what it proves is not about time.
     pub(crate) stale_ms: f64,
+    pub(crate) live_max_age_ms: f64,
     pub(crate) heartbeat_s: f64,
     pub(crate) silence_s: f64,
     pub(crate) connect_timeout_s: f64,
@@ -60,6 +61,7 @@ impl Default for Setup {
         Self {
             start: "on-connect",
             stale_ms: 1000.0,
+            live_max_age_ms: 500.0,
             heartbeat_s: 0.2,
             silence_s: 3.0,
             connect_timeout_s: 2.0,
@@ -78,6 +80,7 @@ impl Setup {
         let Self {
             start,
             stale_ms,
+            live_max_age_ms,
             heartbeat_s,
             silence_s,
             connect_timeout_s,
@@ -100,7 +103,7 @@ impl Setup {
              [link]\naddress = \"{address}\"\ncycle-ms = 1.0\nconnect-timeout-s = {connect_timeout_s:?}\n\
              reconnect-min-s = 0.05\nreconnect-max-s = {reconnect_max_s:?}\n\
              heartbeat-s = {heartbeat_s:?}\nsilence-s = {silence_s:?}\n{link}\
-             [engine]\nstart = \"{start}\"\nramp-s = 0.1\nstale-ms = {stale_ms:?}\n{axes}\
+             [engine]\nstart = \"{start}\"\nramp-s = 0.1\nstale-ms = {stale_ms:?}\nlive-max-age-ms = {live_max_age_ms:?}\n{axes}\
              [realtime]\n{realtime}\
              [status]\nsocket = \"{socket}\"\n[log]\ntarget = \"stderr\"\n{more}"
         )
