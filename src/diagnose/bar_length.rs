@@ -60,9 +60,13 @@ impl BarLengths {
         true
     }
 
-    /// Puts all of it back into the gap, as an effect found: what was found beside it stands.
+    /// Puts all of it back into the readings and, as an effect found, into the gap: what was found beside it stands.
     pub(super) fn put_back(&self, session: &mut Session, analysis: &mut Analysis) {
         let Some((_, first_um)) = self.taken_um.first_key_value() else { return };
+        let of = |setup: &usize| self.taken_um.get(setup).copied().unwrap_or_default();
+        let part = |m: &Moment| if m.is_ballbar { of(&m.setup) } else { 0.0 };
+        let part_um: Vec<f64> = session.moments.iter().map(part).collect();
+        session.readings.iter_mut().zip(&part_um).for_each(|(r, part_um)| r.deviation_um += part_um);
         // sets that were compared hold no effect that was not
         let Analysis { library, problem, selection, comparison: None, .. } = analysis else { return };
         let is_own = |v: &usize| setups_of(library, *v).is_some_and(|setups| !setups.is_empty());
@@ -70,7 +74,6 @@ impl BarLengths {
             self.taken_um.values().any(|um| um != first_um) || selection.chosen.iter().any(is_own);
         let mut all = (0..library.variants.len()).filter(|v| setups_of(library, *v).is_some());
         let Some(variant) = all.find(|v| is_own(v) == each_has_its_own) else { return };
-        let of = |setup: &usize| self.taken_um.get(setup).copied().unwrap_or_default();
         let amounts_um: Vec<f64> = match setups_of(library, variant).unwrap_or_default() {
             [] => vec![*first_um],
             setups => setups.iter().map(of).collect(),
@@ -80,9 +83,6 @@ impl BarLengths {
         selection.chosen.push(variant);
         problem.add_to_gap(variant, &amounts_um);
         problem.prepare(&selection.chosen);
-        let part = |m: &Moment| if m.is_ballbar { of(&m.setup) } else { 0.0 };
-        let part_um: Vec<f64> = session.moments.iter().map(part).collect();
-        session.readings.iter_mut().zip(&part_um).for_each(|(r, part_um)| r.deviation_um += part_um);
         analysis.bar_length = Some(BarLength { part_um, explained_beside });
         analysis.gap = session.gap();
     }

@@ -47,6 +47,12 @@ pub struct ChiSquare {
 }
 
 impl ChiSquare {
+    /// A scatter of `dof` degrees of freedom against the stated standard deviation.
+    #[must_use]
+    pub fn of_scatter(scatter: f64, stated: f64, dof: usize) -> Self {
+        Self { sum: dof as f64 * (scatter / stated).powi(2), dof }
+    }
+
     /// Probability of a sum at least as large by the stated noise; none without a degree of freedom.
     #[must_use]
     pub fn p_value(self) -> Option<f64> {

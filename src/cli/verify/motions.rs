@@ -57,18 +57,16 @@ pub(super) fn compare(files: [&Path; 2], columns: &[String]) -> Result<(Compared
     if old != new {
         return Err(data!(files[1], "columns are {}, those before are {}", new.join(", "), old.join(", ")));
     }
-    let Some(quantity) = before.first().map(|m| m.quantity) else {
-        return Err(data!(files[0], "no error motions"));
-    };
+    // a file without any was refused
+    let quantity = before[0].quantity;
     if let Some(other) = before.iter().find(|m| m.quantity != quantity) {
-        let (first, other) = ((&before[0].column, quantity.name()), (&other.column, other.quantity.name()));
         return Err(data!(
             files[0],
             "{} ({}) and {} ({}) have no range in common; name the columns of one of them: --columns {}",
-            first.0,
-            first.1,
-            other.0,
-            other.1,
+            before[0].column,
+            quantity.name(),
+            other.column,
+            other.quantity.name(),
             before.iter().filter(|m| m.quantity == quantity).map(|m| &m.column).joined(",")
         ));
     }

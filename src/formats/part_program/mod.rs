@@ -210,12 +210,13 @@ impl Run<'_> {
         let from = self.position;
         let to = self.known(&target, last.from)?;
         if let Ok(start) = self.known(&from, last.from) {
-            let before = feed.then(|| self.at(&start).offset);
+            let came = self.travel;
             self.turn(&start, &to);
-            if let Some(before) = before
-                && self.is_bent(|k| self.at(&start).offset[k] - before[k]).is_some()
-            {
-                self.write_reversal(&words, &moved, &start, end)?;
+            if feed && self.travel != came {
+                let [before, after] = [came, self.travel].map(|t| self.at_after(&start, t).offset);
+                if self.is_bent(|k| after[k] - before[k]).is_some() {
+                    self.write_reversal(&words, &moved, &start, end)?;
+                }
             }
         }
         let parts = if feed { self.parts(&from, &to, last.from)? } else { 1 };
@@ -336,8 +337,13 @@ impl Run<'_> {
 
     /// Correction at a programmed position.
     fn at(&self, programmed: &AxisArray) -> At {
+        self.at_after(programmed, self.travel)
+    }
+
+    /// The same after other directions of travel.
+    fn at_after(&self, programmed: &AxisArray, travel: [Travel; MAX_AXES]) -> At {
         let mut pose = Pose::at(core::array::from_fn(|k| programmed[k] + self.request.work_offset[k]));
-        pose.travel = self.travel;
+        pose.travel = travel;
         for (k, corrected) in self.request.corrected.iter().enumerate() {
             pose.fixed |= u16::from(!corrected) << k;
         }

@@ -151,10 +151,7 @@ pub fn solve(input: &CirclesInput<'_>) -> Result<ToolAxis, CirclesError> {
     };
     let (one, two) = (fit(1, input.points_1)?, fit(2, input.points_2)?);
     let scatter = pooled(&one, &two);
-    let against = |(stated, (std, dof)): (f64, (f64, usize))| ChiSquare {
-        sum: dof as f64 * (std / stated).powi(2),
-        dof,
-    };
+    let against = |(stated, (std, dof)): (f64, (f64, usize))| ChiSquare::of_scatter(std, stated, dof);
     let residual_test = input.sigma.filter(|s| *s > 0.0).zip(scatter).map(against);
     let stated = input.sigma.filter(|_| !residual_test.is_some_and(ChiSquare::has_failed));
     let sigma = stated.or(scatter.map(|s| s.0)).unwrap_or(0.0);

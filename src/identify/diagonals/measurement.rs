@@ -122,8 +122,8 @@ impl Measurement {
             }
         }
         let of_runs = |std: f64| ends.runs.map(|n| std / (n as f64).sqrt());
-        let squares = |(stated, std): (f64, f64)| ends.dof as f64 * (std / stated).powi(2);
-        let repeats = noise_mm.zip(ends.run_std).map(|both| ChiSquare { sum: squares(both), dof: ends.dof });
+        let against = |(stated, std): (f64, f64)| ChiSquare::of_scatter(std, stated, ends.dof);
+        let repeats = noise_mm.zip(ends.run_std).map(against);
         let noise = match noise_mm.filter(|_| !repeats.is_some_and(ChiSquare::has_failed)) {
             Some(stated) => Some((of_runs(stated), None)),
             None => ends.run_std.map(|std| (of_runs(std), Some(ends.dof))),

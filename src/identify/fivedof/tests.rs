@@ -282,6 +282,31 @@ fn pushes_give_the_signs_of_the_quadrants() {
 }
 
 #[test]
+fn a_push_is_read_beside_pointing_that_jumps_from_reading_to_reading() {
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
+    for _ in 0..20 {
+        let (mut theta, mut all) = ([[0.0; 2]; 2], Vec::new());
+        for k in 0..320 {
+            theta.as_flattened_mut().iter_mut().for_each(|t| *t += 8e-6 * normal());
+            let distance = if k < 160 { 200.0 } else { 2800.0 };
+            let mut channels = WIRED.read([0.0; 5], theta, distance);
+            channels.as_flattened_mut().iter_mut().for_each(|c| *c += 0.1e-3 * normal());
+            // forty readings without and forty with a push that is as small as what the pointing does
+            let push = if k % 80 < 40 { [0.0; 2] } else { [0.02; 2] };
+            for detector in [3, 4] {
+                for i in 0..2 {
+                    channels[detector][i] += WIRED.signs[detector][i] * 2.0 * push[i];
+                }
+            }
+            all.push(RestingReading { distance, push, channels });
+        }
+        let c = calibrate(&head(), &all).unwrap();
+        assert_eq!((c.head.signs, c.pushed), (WIRED.signs, [true; 2]));
+    }
+}
+
+#[test]
 fn logs_that_say_nothing_are_refused() {
     let calibrate = |log: &[RestingReading]| calibrate(&wired_head(), log).unwrap_err();
     let near = |e: RestingError, text: &str| assert!(e.to_string().contains(text), "{e}");

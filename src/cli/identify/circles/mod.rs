@@ -86,7 +86,7 @@ impl Method for Args {
             registration: case.sigma_registration,
         };
         let found = solve(&input).map_err(|e| file.bad(e))?;
-        let stated = case.sigma.is_some();
+        let stated = is_stated(case.sigma, &found);
         Ok(printed(json_of(&found, stated), move || print(&found, stated)))
     }
 
@@ -114,7 +114,7 @@ impl Method for Args {
             registration: between(self, &frames[0], frames.get(1), &circles),
         };
         let axis = solve(&input).map_err(|e| data_error(&files, e))?;
-        Ok(Some(Box::new(Outcome { args: self, axis, stated: sigma.is_some(), frames, files })))
+        Ok(Some(Box::new(Outcome { args: self, stated: is_stated(sigma, &axis), axis, frames, files })))
     }
 }
 
@@ -122,7 +122,7 @@ impl Method for Args {
 struct Outcome<'a> {
     args: &'a Args,
     axis: ToolAxis,
-    /// True where the noise was stated.
+    /// True where the noise taken is the stated one.
     stated: bool,
     frames: Vec<Frame>,
     files: Vec<PathBuf>,
@@ -200,14 +200,13 @@ fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>
     Ok(())
 }
 
-/// True where the residuals of the circles are larger than the stated noise allows.
-fn failed(found: &ToolAxis) -> bool {
-    found.residual_test.is_some_and(ChiSquare::has_failed)
+/// True where the noise taken is a stated one: none of which the residuals show more.
+fn is_stated(sigma: Option<f64>, found: &ToolAxis) -> bool {
+    sigma.is_some() && !found.residual_test.is_some_and(ChiSquare::has_failed)
 }
 
 fn json_of(found: &ToolAxis, stated: bool) -> Value {
     let [one, two] = &found.circles;
-    let stated = stated && !failed(found);
     let mut json = fields!(found; sigma, registration_share;
         "residual_p_value": found.residual_test.and_then(ChiSquare::p_value),
         "centre_1": one.centre.as_slice(),
@@ -251,7 +250,7 @@ fn print(found: &ToolAxis, stated: bool) {
     let (d, t, e) = (found.direction, found.tip, found.direction_error.map(arcsec_from_rad));
     let [dl, dh] = found.direction_std().map(arcsec_from_rad);
     let [tl, th] = found.tip_lateral_std().map(um_from_mm);
-    let origin = if stated && !failed(found) { "stated" } else { "from the residuals" };
+    let origin = if stated { "stated" } else { "from the residuals" };
     say_text!("noise of a coordinate: {:.2} um ({origin})", um_from_mm(found.sigma));
     say!("axis ({:.9} {:.9} {:.9}), +- {dl:.2} to {dh:.2} arcsec (k=1)", d.x, d.y, d.z);
     say!("  off the nominal one by a rotation of {:+.2} {:+.2} {:+.2} arcsec about x y z", e.x, e.y, e.z);
