@@ -45,6 +45,20 @@ fn since(s: &Sample, at: f64) -> f64 {
     (sign(s.travel) * (s.angle - at)).rem_euclid(TAU)
 }
 
+/// Speed of both axes, as a share of that along the path and in the sense of the angle.
+fn speeds(angle: f64) -> [f64; 2] {
+    [-angle.sin(), angle.cos()]
+}
+
+/// Below this share of the speed along the path an axis stands: a reading there is from before its reversal or from behind it.
+const STANDS: f64 = 1e-6;
+
+/// The circles without the readings at which an axis reverses.
+pub(super) fn away_from_reversals(circles: &Circles) -> Circles {
+    let moves = |s: &&Sample| speeds(s.angle).iter().all(|v| v.abs() > STANDS);
+    Circles { samples: circles.samples.iter().filter(moves).copied().collect(), ..circles.clone() }
+}
+
 /// True where the path has this reversal.
 pub(super) fn is_seen(samples: &[Sample], axis: usize, end: End) -> bool {
     let at = reversal(axis, end);
@@ -154,8 +168,7 @@ pub(super) fn of_effects(circles: &Circles) -> (Vec<Column>, Vec<(Effect, Reason
 
 /// Sense in which an axis travels: +1 towards plus.
 fn axis_travel(axis: usize, s: &Sample) -> f64 {
-    let speed = if axis == 0 { -s.angle.sin() } else { s.angle.cos() };
-    (sign(s.travel) * speed).signum()
+    (sign(s.travel) * speeds(s.angle)[axis]).signum()
 }
 
 /// Lost motion: the axis lags half of it behind, whichever way it goes.

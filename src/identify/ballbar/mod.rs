@@ -249,8 +249,8 @@ pub struct Analysis {
     pub harmonics: Vec<Harmonic>,
     /// Change of the instrument's length during the test; `None` where these data do not show it: one run, or no time beside the effects.
     pub length_change: Option<LengthChange>,
-    /// What no effect explains, reading by reading.
-    pub residuals: Vec<f64>,
+    /// The readings of the fit, each with what no effect explains as its deviation; those at which an axis reverses are not among them.
+    pub residuals: Vec<Sample>,
     /// Root mean square of it over the degrees of freedom.
     pub sigma: f64,
     /// Condition number of the columns, each of unit length.

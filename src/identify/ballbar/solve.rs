@@ -6,7 +6,7 @@ use super::check::check;
 use super::columns::{self, Column, What};
 use super::{
     Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, LengthChange, Note, Pitch, Reason, Request,
-    Value, pitch,
+    Sample, Value, pitch,
 };
 
 /// Part of a column, of unit length, that must be left beside the others; below it the data cannot tell it from them.
@@ -54,6 +54,7 @@ struct Solution {
 /// Too few readings or too short an arc, numbers that are none, a radius in the wrong unit.
 pub fn analyse(circles: &Circles, request: &Request) -> Result<Analysis, BallbarError> {
     check(circles, request)?;
+    let circles = &columns::away_from_reversals(circles);
     // seen once, a shape of the place looks like a change in time
     let covered = TAU - largest_gap(circles.samples.iter().map(|s| s.angle));
     let is_shown = super::travelled(&circles.samples).iter().sum::<f64>() > PASSES * covered;
@@ -417,7 +418,11 @@ fn report(
         spike_time,
         harmonics,
         length_change,
-        residuals: solution.residuals.iter().copied().collect(),
+        residuals: samples
+            .iter()
+            .zip(&solution.residuals)
+            .map(|(s, r)| Sample { deviation: *r, ..*s })
+            .collect(),
         sigma,
         condition: solution.condition,
         notes,

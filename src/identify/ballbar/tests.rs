@@ -113,6 +113,25 @@ fn one_direction_shows_no_lateral_play() {
     }
 }
 
+/// At a reversal an axis stands: rounding of the angle would say from which side it came.
+#[test]
+fn readings_at_a_reversal_say_nothing_of_backlash() {
+    let machine = Machine { backlash: [[0.01; 2], [0.006; 2]], noise: 0.0003, ..Machine::default() };
+    let plan = BOTH.map(|(from, to, direction, feed)| (from - 0.5, to - 0.5, direction, feed));
+    let circles = machine.circles(&plan, 360.0, 3);
+    let of = |at_reversals: f64| {
+        let mut circles = circles.clone();
+        let at = circles.samples.iter_mut().filter(|s| (2.0 * s.angle).sin().abs() < 1e-9);
+        at.for_each(|s| s.deviation = at_reversals);
+        analyse(&circles, &REQUEST).unwrap()
+    };
+    let [before, behind] = [-0.005, 0.005].map(of);
+    assert_eq!(before.estimates, behind.estimates);
+    assert_eq!(before.residuals.len(), circles.samples.len() - 8);
+    let value = before.value(Effect::Backlash(0), Some(End::Positive)).unwrap();
+    assert!((value.value - 0.01).abs() < 4.0 * value.std && value.std < 0.0003, "{value:?}");
+}
+
 /// A bar that warms up reads less and less in the order of time, which looks like play of both axes.
 #[test]
 fn a_bar_that_grows_is_no_play() {

@@ -14,15 +14,13 @@ pub(crate) struct Roundness {
 }
 
 pub(crate) fn roundness(plan: &Plan) -> Roundness {
-    let samples = &plan.circles.samples;
-    let evaluate = |deviation: &dyn Fn(usize) -> f64, offset: [f64; 2]| {
-        let one = |(i, s): (usize, &Sample)| CircularReading { deviation: deviation(i), ..reading(s) };
-        let readings: Vec<CircularReading> = samples.iter().enumerate().map(one).collect();
+    let evaluate = |samples: &[Sample], offset: [f64; 2]| {
+        let readings: Vec<CircularReading> = samples.iter().map(reading).collect();
         Circularity::about(&readings, plan.circles.radius, offset).ok()
     };
     let offset = plan.analysis.offset.map(|(v, _)| v);
-    let measured = evaluate(&|i| samples[i].deviation, offset);
-    Roundness { measured, residual: evaluate(&|i| plan.analysis.residuals[i], [0.0; 2]) }
+    let measured = evaluate(&plan.circles.samples, offset);
+    Roundness { measured, residual: evaluate(&plan.analysis.residuals, [0.0; 2]) }
 }
 
 pub(crate) fn note_text(note: &Note) -> String {
