@@ -110,7 +110,8 @@ fn play_scale_and_squareness_stand_in_the_model_on_both_sides_of_the_bed() {
             "backlash",
             "y",
             "-4",
-            "form = \"backlash\"\naxis = \"y\"\nalong = [\"y\"]\nlength-mm = 0\nslope = false",
+            // what circles show: crossed over its own width
+            "form = \"backlash\"\naxis = \"y\"\nalong = [\"y\"]\nlength-mm = 0.004\nslope = false\nplay = true",
         ),
         effect("scale", "x", "10", "form = \"scale\"\naxis = \"x\""),
         effect("scale", "y", "-20", "form = \"scale\"\naxis = \"y\""),

@@ -152,7 +152,9 @@ impl Form for Backlash {
     }
 
     fn builds_up(&self) -> (f64, f64) {
-        (if self.length_mm > 0.0 { self.length_mm } else { f64::INFINITY }, f64::INFINITY)
+        // of play the model has what is behind its crossing
+        let grows = self.length_mm > 0.0 && !self.play;
+        (if grows { self.length_mm } else { f64::INFINITY }, f64::INFINITY)
     }
 }
 

@@ -241,7 +241,9 @@ fn every_effect_of_the_machine_is_put_into_a_model_or_says_why_not() {
                         assert!(!symbols.is_empty() && e.kind == Kind::Machine, "{}", e.name);
                         taken.insert(e.name);
                     }
-                    Fate::Left(why) => assert!(!why.is_empty(), "{}", e.name),
+                    Fate::Left(why) => {
+                        assert!(!why.is_empty() && e.name != "backlash", "{}: {why}: {shape:?}", e.name);
+                    }
                 }
             }
         }
