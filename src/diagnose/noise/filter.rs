@@ -108,6 +108,12 @@ impl Filter {
         self.dense.as_ref().map_or_else(|| self.order.clone(), |d| d.groups.concat())
     }
 
+    /// Rows of the session behind a place of the filtered columns.
+    #[must_use]
+    pub fn members_of(&self, place: usize) -> &[usize] {
+        self.dense.as_ref().map_or_else(|| &self.order[place..=place], |d| &d.groups[place])
+    }
+
     /// Rows of `width` values of every member to one row per place.
     #[must_use]
     pub fn mean(&self, data: Vec<f64>, width: usize) -> Vec<f64> {

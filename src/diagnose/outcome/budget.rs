@@ -34,6 +34,8 @@ pub struct Correction {
     pub alone: Level,
     /// The gap where all other declared causes are corrected and this one is not.
     pub all_others: Level,
+    /// The gap where this cause and all with a larger share are corrected.
+    pub cumulative: Level,
     /// Its share of the mean square of the gap; negative where it compensates for more of another cause than it adds.
     pub share: f64,
 }
@@ -149,22 +151,28 @@ pub(super) fn budget(
     let before = level(&[]);
     let after = level(&declared);
     let gap_um2 = before.rms_um.powi(2).max(f64::MIN_POSITIVE);
-    let mut corrections: Vec<Correction> = declared
+    let mut corrections: Vec<(usize, Correction)> = declared
         .iter()
         .map(|place| {
             let others: Vec<usize> = declared.iter().copied().filter(|p| p != place).collect();
             let (alone, all_others) = (level(&[*place]), level(&others));
             let taken = |from: Level, to: Level| from.rms_um.powi(2) - to.rms_um.powi(2);
-            Correction {
+            let correction = Correction {
                 label: assessed[*place].label.to_string(),
                 size_um: fitted.size_um(session, a, *place),
                 alone,
                 all_others,
+                cumulative: after,
                 share: 0.5 * (taken(before, alone) + taken(all_others, after)) / gap_um2,
-            }
+            };
+            (*place, correction)
         })
         .collect();
-    corrections.sort_by(|a, b| b.share.total_cmp(&a.share));
+    corrections.sort_by(|a, b| b.1.share.total_cmp(&a.1.share));
+    let order: Vec<usize> = corrections.iter().map(|c| c.0).collect();
+    for (n, (_, correction)) in corrections.iter_mut().enumerate() {
+        correction.cumulative = level(&order[..=n]);
+    }
     let whole = after.rms_um.powi(2);
     let [unexplained, rough, drift, noise] = match &a.comparison {
         Some(c) => {
@@ -187,7 +195,7 @@ pub(super) fn budget(
         roughness_um: rough,
         drift_um: drift,
         noise_um: noise,
-        corrections,
+        corrections: corrections.into_iter().map(|c| c.1).collect(),
     }
 }
 
@@ -199,8 +207,8 @@ pub(super) fn programs(
     after: &[f64],
 ) -> Vec<ProgramResidual> {
     let mut members: Vec<Vec<usize>> = vec![Vec::new(); a.problem.cells];
-    for (row, cell) in a.problem.rows.iter().zip(&a.problem.cell) {
-        members[*cell].push(*row);
+    for (place, cell) in a.problem.cell.iter().enumerate() {
+        members[*cell].extend(a.filter.members_of(place));
     }
     let mut all: Vec<ProgramResidual> = members
         .iter()

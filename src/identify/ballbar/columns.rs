@@ -111,8 +111,27 @@ pub(super) fn of_length(circles: &Circles) -> Vec<Column> {
     core::iter::once(Column { what: What::LengthChange, values: elapsed(samples) }).chain(steps).collect()
 }
 
+/// Width of the play of each axis at the positive and negative end of its travel, mm: behind a reversal the carriage rests until the drive
+/// has crossed it. 0: lost motion is a step.
+pub(super) type Play = [[f64; 2]; 2];
+
+/// True where a reading was taken while play of this width was crossed.
+pub(super) fn is_crossing(circles: &Circles, play: Play) -> bool {
+    let crossing = |s: &Sample| (0..2).any(|axis| crossed(axis, s, circles.radius, play) < 1.0);
+    circles.samples.iter().any(crossing)
+}
+
+/// Share of the play that an axis has crossed since its reversal.
+fn crossed(axis: usize, s: &Sample, radius: f64, play: Play) -> f64 {
+    let along = if axis == 0 { s.angle.cos() } else { s.angle.sin() };
+    let is_from_positive_end = axis_travel(axis, s) < 0.0;
+    let way = radius * if is_from_positive_end { 1.0 - along } else { 1.0 + along };
+    let width = play[axis][usize::from(!is_from_positive_end)];
+    if way < width { way / width } else { 1.0 }
+}
+
 /// All effects without spikes and cyclic errors, most certain first; and those that the path cannot have.
-pub(super) fn of_effects(circles: &Circles) -> (Vec<Column>, Vec<(Effect, Reason)>) {
+pub(super) fn of_effects(circles: &Circles, play: Play) -> (Vec<Column>, Vec<(Effect, Reason)>) {
     let samples = &circles.samples;
     let r = circles.radius;
     let column =
@@ -127,8 +146,9 @@ pub(super) fn of_effects(circles: &Circles) -> (Vec<Column>, Vec<(Effect, Reason
     ];
     let mut missing = Vec::new();
     let both = goes_both_ways(samples);
-    type Kind = (fn(usize) -> Effect, fn(usize, &Sample) -> f64);
-    let kinds: [Kind; 2] = [(Effect::Backlash, backlash), (Effect::LateralPlay, lateral_play)];
+    type Kind<'a> = (fn(usize) -> Effect, &'a dyn Fn(usize, &Sample) -> f64);
+    let lost_motion = |axis: usize, s: &Sample| backlash(axis, s) * (2.0 * crossed(axis, s, r, play) - 1.0);
+    let kinds: [Kind<'_>; 2] = [(Effect::Backlash, &lost_motion), (Effect::LateralPlay, &lateral_play)];
     for (make, value) in kinds {
         for axis in 0..2 {
             let seen = [End::Positive, End::Negative].map(|end| is_seen(samples, axis, end));

@@ -16,16 +16,17 @@
 //! | cyclic of u, v, mm | | `cos t`, `sin t` times sine and cosine of the coordinate over the pitch |
 //!
 //! `w = (1 +- cos t)/2` (v: `sin t`) leads from the value at the positive end of travel to that at the negative end. What
-//! is seen of one end only is taken as equal all along. Beside them: centre offset of the instrument, a radius per feed, and, where
+//! is seen of one end only is taken as equal all along. Where less is left so, backlash is crossed over its own width behind a reversal instead of
+//! being a step there: times `2 min(1, s/b) - 1`, s = way of the axis since the reversal. Beside them: centre offset of the instrument, a radius per feed, and, where
 //! both directions were run, whatever stands around a reversal alike in both of them (it is no spike); and a change of the
 //! instrument's length, linear in time with steps between runs, where it is significant: it looks like play otherwise.
 //!
 //! Assumptions: first order (the eccentricity's second order is taken out); readings equally noisy. Residuals that are
-//! not white widen the uncertainties by their autocorrelation along the circle. What the data cannot show is left out and named, with
+//! not white widen the uncertainties by their autocorrelation along the circle, and by a wander in time that the directions do not share. What the data cannot show is left out and named, with
 //! what it is confounded with.
 //!
 //! Source: names and units of ballbar files (.b5r, `docs/reference/formats.md`); ISO 230-4; equations 1.7. Reading order: this file, `columns`, `solve`,
-//! `pitch`, `model`.
+//! `wander`, `pitch`, `model`.
 
 mod check;
 mod columns;
@@ -34,6 +35,7 @@ mod model;
 mod pitch;
 mod runs;
 mod solve;
+mod wander;
 
 pub use features::Feature;
 pub use model::{Assembled, assemble};

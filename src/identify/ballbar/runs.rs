@@ -53,15 +53,22 @@ pub fn travelled(samples: &[Sample]) -> Vec<f64> {
     runs(samples).map(|run| path(run).last().copied().unwrap_or(0.0)).collect()
 }
 
+/// Time of each reading of each run from its begin, s (without feed: rad).
+pub(super) fn run_times(samples: &[Sample]) -> Vec<Vec<f64>> {
+    let times = |run: &[Sample]| {
+        let time = |(s, p): (&Sample, f64)| p / s.feed.unwrap_or(1.0);
+        run.iter().zip(path(run)).map(time).collect()
+    };
+    runs(samples).map(times).collect()
+}
+
 /// Time of each reading as a share of that of the whole test, from -1/2 to 1/2: of the path at its feed (without feed: of the
 /// path), without pauses between runs.
 pub(super) fn elapsed(samples: &[Sample]) -> Vec<f64> {
     let mut all = Vec::with_capacity(samples.len());
     let mut begin = 0.0;
-    for run in runs(samples) {
-        let path = path(run);
-        let time = |(s, p): (&Sample, &f64)| begin + p / s.feed.unwrap_or(1.0);
-        all.extend(run.iter().zip(&path).map(time));
+    for times in run_times(samples) {
+        all.extend(times.iter().map(|t| begin + t));
         begin = all.last().copied().unwrap_or(begin);
     }
     let [low, high] = hull(all.iter().copied());

@@ -3,10 +3,11 @@
 use crate::prelude::*;
 
 use super::check::check;
-use super::columns::{self, Column, What};
+use super::columns::{self, Column, Play, What};
+use super::wander::Wander;
 use super::{
-    Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, LengthChange, Note, Pitch, Reason, Request,
-    Sample, Value, pitch,
+    Analysis, BallbarError, Circles, Effect, End, Estimate, Harmonic, LengthChange, Note, Pitch, Reason,
+    Request, Sample, Value, pitch,
 };
 
 /// Part of a column, of unit length, that must be left beside the others; below it the data cannot tell it from them.
@@ -19,6 +20,8 @@ const SIGNIFICANT: f64 = 3.3;
 const LENGTH_CHANGE: f64 = 0.01;
 /// How often, in the mean, places are passed in tests that show one.
 const PASSES: f64 = 1.5;
+/// Fits with play of the width found before.
+const PLAY_FITS: usize = 3;
 /// Highest wave reported.
 const HARMONICS: usize = 12;
 /// Gap in angle up to which waves on the circle mean something, rad.
@@ -58,20 +61,40 @@ pub fn analyse(circles: &Circles, request: &Request) -> Result<Analysis, Ballbar
     // seen once, a shape of the place looks like a change in time
     let covered = TAU - largest_gap(circles.samples.iter().map(|s| s.angle));
     let is_shown = super::travelled(&circles.samples).iter().sum::<f64>() > PASSES * covered;
-    let mut found = fitted(circles, request, is_shown);
+    let (mut found, play) = with_play(circles, request, is_shown);
     let Some(change) = found.length_change else { return Ok(found) };
     if !change.is_subtracted {
         // what is not there must not widen the uncertainties of the effects
-        found = fitted(circles, request, false);
+        found = fitted(circles, request, false, play);
         found.length_change = Some(change);
     }
     found.notes.push(Note::LengthChange(change));
     Ok(found)
 }
 
+/// The fit with steps of lost motion, or with play of the width that it finds where less is left so.
+fn with_play(circles: &Circles, request: &Request, has_length: bool) -> (Analysis, Play) {
+    let mut play = Play::default();
+    let mut found = fitted(circles, request, has_length, play);
+    for _ in 0..PLAY_FITS {
+        let width =
+            |axis, end| found.value(Effect::Backlash(axis), Some(end)).map_or(0.0, |v| v.value.max(0.0));
+        let wider = [0, 1].map(|axis| [End::Positive, End::Negative].map(|end| width(axis, end)));
+        if !columns::is_crossing(circles, wider) {
+            break;
+        }
+        let next = fitted(circles, request, has_length, wider);
+        if next.sigma >= found.sigma {
+            break;
+        }
+        (found, play) = (next, wider);
+    }
+    (found, play)
+}
+
 /// The fit with or without a change of the instrument's length.
-fn fitted(circles: &Circles, request: &Request, has_length: bool) -> Analysis {
-    let mut selected = select(circles, request, has_length);
+fn fitted(circles: &Circles, request: &Request, has_length: bool, play: Play) -> Analysis {
+    let mut selected = select(circles, request, has_length, play);
     let mut y = DVector::from_iterator(circles.samples.len(), circles.samples.iter().map(|s| s.deviation));
     let spike_time = choose_spike_time(circles, request, &mut selected, &y);
     let pitches = choose_pitches(circles, request, &mut selected, &y);
@@ -89,8 +112,8 @@ fn fitted(circles: &Circles, request: &Request, has_length: bool) -> Analysis {
 }
 
 /// Takes the columns one after the other and leaves out those that look like the ones before.
-fn select(circles: &Circles, request: &Request, has_length: bool) -> Selected {
-    let (effects, missing) = columns::of_effects(circles);
+fn select(circles: &Circles, request: &Request, has_length: bool, play: Play) -> Selected {
+    let (effects, missing) = columns::of_effects(circles, play);
     let mut selected = Selected { columns: columns::of_circle(circles), missing };
     let mut basis = Basis::of(&selected.columns);
     selected.take_all(effects, &mut basis);
@@ -309,8 +332,9 @@ fn widening(residuals: &DVector<f64>) -> f64 {
     (1.0 + 2.0 * time).sqrt()
 }
 
-/// Covariance from the autocorrelation of the residuals along the circle, whatever the direction of travel, and the largest
-/// factor on a standard uncertainty. What both directions share leaves effects alone that change sign between them.
+/// Covariance from the autocorrelation of the residuals along the circle, whatever the direction of travel, and of their wander
+/// in time; and the largest factor on a standard uncertainty. What both directions share leaves effects alone that change sign between
+/// them.
 ///
 /// # Source  Newey and West 1987, the lag being the angle on the circle; never below that of white noise
 fn hanging_together(
@@ -318,7 +342,7 @@ fn hanging_together(
     solution: &Solution,
     white: &DMatrix<f64>,
     dof: f64,
-) -> (DMatrix<f64>, f64) {
+) -> (DMatrix<f64>, f64, Option<Slow>) {
     let unknowns = white.nrows();
     let mut scores = DMatrix::<f64>::zeros(unknowns, BINS);
     for (i, (s, r)) in circles.samples.iter().zip(solution.residuals.iter()).enumerate() {
@@ -336,7 +360,12 @@ fn hanging_together(
         }
     }
     let few = circles.samples.len() as f64 / dof;
-    let together = &scores * near.transpose() * few;
+    let mut together = &scores * near.transpose() * few;
+    let slow = Wander::of(&circles.samples, &solution.residuals).map(|wander| {
+        let of_wander = wander.covariance(&circles.samples, &solution.gain);
+        together += &of_wander;
+        Slow { variance: of_wander.diagonal(), dof: wander.independent(&circles.samples) }
+    });
     let together = (&together + together.transpose()) * 0.5;
     let ratio = |j: usize| (together[(j, j)] / white[(j, j)].max(f64::MIN_POSITIVE)).max(0.0).sqrt();
     // an uncertainty below that of white noise would be luck
@@ -345,7 +374,13 @@ fn hanging_together(
         if lift[i] > 1e6 || lift[j] > 1e6 { white[(i, j)] } else { together[(i, j)] * lift[i] * lift[j] }
     };
     let factor = (0..unknowns).map(ratio).fold(1.0, f64::max);
-    (DMatrix::from_fn(unknowns, unknowns, floor), factor)
+    (DMatrix::from_fn(unknowns, unknowns, floor), factor, slow)
+}
+
+/// What the wander has of the variance of each coefficient, and its degrees of freedom.
+struct Slow {
+    variance: DVector<f64>,
+    dof: f64,
 }
 
 fn report(
@@ -361,8 +396,8 @@ fn report(
     let sigma = (solution.sum / dof).sqrt();
     let white = &solution.cofactor * (sigma * sigma);
     let is_white = widening(&solution.residuals) <= 1.0;
-    let (covariance, factor) =
-        if is_white { (white, 1.0) } else { hanging_together(circles, solution, &white, dof) };
+    let (covariance, factor, slow) =
+        if is_white { (white, 1.0, None) } else { hanging_together(circles, solution, &white, dof) };
     let std = |j: usize| covariance[(j, j)].max(0.0).sqrt();
     let feeds = columns::feeds(samples);
     let mut offset = [(0.0, 0.0); 2];
@@ -374,7 +409,10 @@ fn report(
             What::Radius(feed) => radius_deviation.push((feeds[feed], solution.coefficients[j], std(j))),
             What::LengthChange => {
                 let (value, std) = (solution.coefficients[j], std(j));
-                let p_value = f_upper((value / std).powi(2), 1, y.len() - selected.columns.len());
+                // what is known of a variance of a few correlation times is less than the number of readings says
+                let by_wander = slow.as_ref().map_or(0.0, |s| (s.variance[j] / (std * std)).powi(2) / s.dof);
+                let freedom = (1.0 / (1.0 / dof + by_wander)).max(1.0) as usize;
+                let p_value = f_upper((value / std).powi(2), 1, freedom);
                 let is_subtracted = p_value < LENGTH_CHANGE;
                 length_change = Some(LengthChange { value, std, p_value, is_subtracted });
             }

@@ -181,7 +181,7 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
     }];
     let mut from = b.before.rms_um;
     for x in &b.corrections {
-        let to = (from.powi(2) - x.share * b.before.rms_um.powi(2)).max(0.0).sqrt();
+        let to = x.cumulative.rms_um;
         rows.push(Bar {
             label: capital(&name_of_label(&x.label)),
             from,
@@ -209,8 +209,9 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
     }
     page.html(&bars(&rows));
     page.note(
-        "RMS in µm. The share of a cause is the mean of what its correction takes out of the mean square alone and beside all others; the \
-         shares add up to 100 %.",
+        "RMS in µm; → what is left once this cause and those above are corrected. The share of a cause is the mean of what its correction takes \
+         out of the mean square alone and beside all others; the shares add up to 100 %. A negative one: it compensates for more of another \
+         cause than it adds, and goes out with it.",
     );
 }
 
