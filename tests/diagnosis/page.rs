@@ -74,6 +74,23 @@ pub(crate) fn is_a_page(page: &str, report: &Value) -> usize {
     charts.len()
 }
 
+/// Levers from millimetres to half a metre: a displacement at one of them says nothing.
+#[test]
+fn an_angular_error_motion_is_drawn_as_an_angle() {
+    let roll = |s: &State| 4.0 * (s.p[0] / 500.0) * ARCSEC_UM_PER_MM;
+    let truth = |s: &State| [0.0, -roll(s) * (s.p[2] - s.tool), roll(s) * s.p[1]];
+    let found = run(&Campaign::full(), &truth, NOISE, &[]);
+    let curve = found.curves.iter().find(|c| c.label == "angular:eax").unwrap();
+    let [first, last] = [0, curve.lines[0].points.len() - 1].map(|k| curve.lines[0].points[k]);
+    let seen_arcsec = 4.0 * (last[0] - first[0]) / 500.0;
+    assert_eq!((curve.unit, curve.y_label.as_str()), ("″", "rotation, ″"));
+    assert!(
+        (last[1] - first[1] - seen_arcsec).abs() < 4.0 * curve.range.std,
+        "{seen_arcsec} {first:?} {last:?}"
+    );
+    assert!(curve.range.std < 0.2 * seen_arcsec, "{:?}", curve.range);
+}
+
 #[test]
 fn each_declared_cause_has_a_curve_whose_band_holds_the_truth() {
     let truth = |s: &State| [-2.5 * s.dir[0] + 4.0 * ARCSEC_UM_PER_MM * s.p[1], 0.0, 0.0];
@@ -84,13 +101,13 @@ fn each_declared_cause_has_a_curve_whose_band_holds_the_truth() {
     let curve = |label: &str| found.curves.iter().find(|c| c.label == label).unwrap();
     let backlash = curve("backlash:x");
     assert_eq!(backlash.lines.len(), 2, "a line per direction");
-    let size = backlash.range_um;
+    let size = backlash.range;
     assert!(size.std > 0.0 && (size.value - 5.0).abs() < 4.0 * size.std, "{size:?}");
     let square = curve("squareness:xy");
     let points = &square.lines[0].points;
     let (first, last) = (points[0], points[points.len() - 1]);
     let slope = 4.0 * ARCSEC_UM_PER_MM * (last[0] - first[0]);
-    assert!((last[1] - first[1] - slope).abs() < 4.0 * square.range_um.std, "{slope} {first:?} {last:?}");
+    assert!((last[1] - first[1] - slope).abs() < 4.0 * square.range.std, "{slope} {first:?} {last:?}");
     for line in found.curves.iter().flat_map(|c| &c.lines) {
         assert!(line.points.windows(2).all(|w| w[0][0] <= w[1][0]), "lines run from left to right");
         assert!(line.points.iter().all(|p| p[2] <= p[1] && p[1] <= p[3]), "the band is about the line");
@@ -156,6 +173,6 @@ fn of_many_files_those_are_drawn_in_which_a_growth_shows() {
     assert!(curve.lines.iter().any(|l| l.name == *widest.0), "{widest:?} among {:?}", curve.lines);
     let whole =
         spans.values().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], s| [l.min(s[0]), h.max(s[1])]);
-    let size = curve.range_um;
+    let size = curve.range;
     assert!((size.value - width(&whole)).abs() < 0.25 * width(&whole), "{size:?} of {whole:?}");
 }

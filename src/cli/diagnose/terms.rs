@@ -127,16 +127,16 @@ fn words_of(stem: &str) -> String {
     stem.trim_end_matches("_1").split('_').map(word).joined(" ")
 }
 
-/// Peak to valley of the fitted curves of a cause, with its uncertainty, angular readings as angles; the largest where there are
-/// several.
+/// Peak to valley of the fitted curves of a cause, with its uncertainty, rotations and angular readings as angles; the largest where there
+/// are several.
 pub(super) fn peak_to_valley(found: &Diagnosis, label: &str) -> Option<String> {
     let curves = found.curves.iter().filter(|c| c.label == label && !c.lines.is_empty());
-    let range = curves.map(|c| c.range_um).max_by(|a, b| a.value.total_cmp(&b.value))?;
-    let (scale, unit) = match found.radius_mm {
+    let curve = curves.max_by(|a, b| a.range.value.total_cmp(&b.range.value))?;
+    let (scale, unit) = match found.radius_mm.filter(|_| curve.unit == "µm") {
         Some(radius) => (arcsec_from_rad(mm_from_um(1.0) / radius), "″"),
-        None => (1.0, "µm"),
+        None => (1.0, curve.unit),
     };
-    let range = Value { value: scale * range.value, std: scale * range.std };
+    let range = Value { value: scale * curve.range.value, std: scale * curve.range.std };
     Some(format!("peak to valley {} {unit}", with_uncertainty(range)))
 }
 

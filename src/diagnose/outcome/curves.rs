@@ -24,6 +24,8 @@ const GROUPS: usize = 48;
 const ALONG: f64 = 0.7;
 /// Scatter of the fitted values about their line, as a share of the effect, that is worth a note.
 const SCATTER_NOTED: f64 = 0.25;
+/// Lever at which an arcsecond is a micrometre, mm.
+const ARCSEC_LEVER_MM: f64 = 206.264_806;
 /// Lines of a picture at most.
 const LINES: usize = 3;
 
@@ -57,7 +59,9 @@ pub(super) fn curves(
             let mut curve = curve(session, fitted, place, &shown, &residual, &mut random);
             curve.label = x.label.to_string();
             curve.x_label = view.x_label();
+            curve.unit = if view.is_rotation() { "″" } else { "µm" };
             curve.y_label = match direction {
+                _ if view.is_rotation() => "rotation, ″".to_owned(),
                 Some(d) => format!("along {}, µm", Axis::LINEAR[d]),
                 None => "in measuring direction, µm".to_owned(),
             };
@@ -94,13 +98,14 @@ fn shown(
 ) -> (Vec<Shown>, Option<f64>) {
     let share = |m: &Moment| view.component(m, direction);
     let weights: Vec<f64> = session.moments.iter().map(|m| view.weight(m, session)).collect();
-    let reference = view.weight_text().map(|_| {
+    let reference = view.is_weighted().then(|| {
         let mut sizes: Vec<f64> =
             weights.iter().map(|w| w.abs()).filter(|w| w.is_finite() && *w > 1e-9).collect();
         sizes.sort_by(f64::total_cmp);
         rounded(sizes.get(sizes.len() / 2).copied().unwrap_or(1.0))
     });
     let weight = reference.unwrap_or(1.0);
+    let drawn = if view.is_rotation() { ARCSEC_LEVER_MM } else { weight };
     let lines = view.lines(session);
     let shown = session
         .moments
@@ -112,7 +117,7 @@ fn shown(
                 && share(m).abs() > ALONG
                 && weights[*i].abs() >= HALF * weight
         })
-        .map(|(at, m)| Shown { at, x: view.x(m), factor: weight / (weights[at] * share(m)), line: lines[at] })
+        .map(|(at, m)| Shown { at, x: view.x(m), factor: drawn / (weights[at] * share(m)), line: lines[at] })
         .filter(|s| s.x.is_finite() && s.factor.is_finite())
         .collect();
     (shown, reference)
@@ -170,7 +175,7 @@ fn curve(
     let least = spans.get(LINES - 1).copied().unwrap_or(f64::NEG_INFINITY);
     let drawn: Vec<FittedLine> =
         drawn.into_iter().filter(|(span, _)| *span >= least).take(LINES).map(|(_, line)| line).collect();
-    let range_um = low.zip(high).map_or(Value { value: 0.0, std: 0.0 }, |((l, hl), (h, hh))| Value {
+    let range = low.zip(high).map_or(Value { value: 0.0, std: 0.0 }, |((l, hl), (h, hh))| Value {
         value: h - l,
         std: fitted.std(&columns, &less(&hh, &hl)),
     });
@@ -193,7 +198,8 @@ fn curve(
         y_label: String::new(),
         points,
         lines: drawn,
-        range_um,
+        range,
+        unit: "µm",
         readings: shown.len(),
         note: note.to_owned(),
     }

@@ -52,13 +52,15 @@ pub struct Curve {
     pub x_label: String,
     /// Quantity and unit of the other two.
     pub y_label: String,
-    /// Where; the gap without the declared causes but with this effect, um; the effect fitted, um. At most some hundred of the
+    /// Where; the gap without the declared causes but with this effect; the effect fitted; both in `unit`. At most some hundred of the
     /// readings.
     pub points: Vec<[f64; 3]>,
     /// The effect as fitted, one line per direction of travel, tool or file where it differs between them.
     pub lines: Vec<FittedLine>,
     /// Highest minus lowest fitted value on the lines.
-    pub range_um: Value,
+    pub range: Value,
+    /// Unit of the ordinate: `µm`, or `″` of a rotation, whatever the lever of each reading.
+    pub unit: &'static str,
     /// Readings that show the effect.
     pub readings: usize,
     /// What is scaled or averaged in the picture; may be empty.
@@ -70,7 +72,7 @@ pub struct Curve {
 pub struct FittedLine {
     /// What tells it from the other lines; empty where there is only one.
     pub name: String,
-    /// Where; the effect fitted; lower and upper end of its 90 % band, um.
+    /// Where; the effect fitted; lower and upper end of its 90 % band, in the unit of the curve.
     pub points: Vec<[f64; 4]>,
 }
 

@@ -94,11 +94,20 @@ impl View {
         }
     }
 
+    /// True where something is divided out.
+    pub(super) const fn is_weighted(&self) -> bool {
+        !matches!(self.drawn.weight, Weight::One)
+    }
+
+    /// True where a lever is, so that a rotation is drawn.
+    pub(super) const fn is_rotation(&self) -> bool {
+        matches!(self.drawn.weight, Weight::Lever(..))
+    }
+
     /// What is said of the factor; `{}` is its value.
     pub(super) fn weight_text(&self) -> Option<String> {
         match &self.drawn.weight {
-            Weight::One => None,
-            Weight::Lever(..) => Some("scaled to a lever of {} mm".to_owned()),
+            Weight::One | Weight::Lever(..) => None,
             Weight::Warmth(_, reference) => Some(format!("scaled to {{}} K above {reference:.1} °C")),
         }
     }

@@ -26,10 +26,11 @@
 //! what it is confounded with.
 //!
 //! Source: names and units of ballbar files (.b5r, `docs/reference/formats.md`); ISO 230-4; equations 1.7. Reading order: this file, `columns`, `solve`,
-//! `wander`, `pitch`, `model`.
+//! `covariance`, `wander`, `pitch`, `model`.
 
 mod check;
 mod columns;
+mod covariance;
 mod features;
 mod model;
 mod pitch;

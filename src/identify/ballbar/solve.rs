@@ -4,7 +4,7 @@ use crate::prelude::*;
 
 use super::check::check;
 use super::columns::{self, Column, Play, What};
-use super::wander::Wander;
+use super::covariance::{hanging_together, widening};
 use super::{
     Analysis, BallbarError, Circles, Effect, End, Estimate, Harmonic, LengthChange, Note, Pitch, Reason,
     Request, Sample, Value, pitch,
@@ -29,9 +29,6 @@ const CLOSED: f64 = TAU / 36.0;
 /// Times to the peak of a spike that are tried, s (without feed: rad, 0.1 to 1.5 deg); longer ones would be shape.
 const SPIKE_TIMES: [f64; 2] = [0.003, 0.06];
 const SPIKE_ANGLES: [f64; 2] = [0.0017, 0.026];
-/// Angle over which residuals may be autocorrelated, rad; in bins of one degree.
-const TOGETHER: usize = 15;
-const BINS: usize = 360;
 
 /// Columns that the data can tell apart, and those that they cannot.
 struct Selected {
@@ -315,74 +312,6 @@ fn centre(columns: &[Column], coefficients: &DVector<f64>) -> [f64; 2] {
     centre
 }
 
-/// Factor on standard uncertainties for autocorrelated residuals: root of their correlation time. 1 where they
-/// are as uncorrelated as white noise would look.
-fn widening(residuals: &DVector<f64>) -> f64 {
-    let (r, n) = (residuals.as_slice(), residuals.len());
-    let power: f64 = r.iter().map(|v| v * v).sum();
-    if power == 0.0 {
-        return 1.0;
-    }
-    let correlation = |lag: usize| r.iter().zip(&r[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
-    let noise = 1.0 / (n as f64).sqrt();
-    if correlation(1) < 3.5 * noise {
-        return 1.0;
-    }
-    let time: f64 = (1..n / 4).map(correlation).take_while(|c| *c > 2.0 * noise).sum();
-    (1.0 + 2.0 * time).sqrt()
-}
-
-/// Covariance from the autocorrelation of the residuals along the circle, whatever the direction of travel, and of their wander
-/// in time; and the largest factor on a standard uncertainty. What both directions share leaves effects alone that change sign between
-/// them.
-///
-/// # Source  Newey and West 1987, the lag being the angle on the circle; never below that of white noise
-fn hanging_together(
-    circles: &Circles,
-    solution: &Solution,
-    white: &DMatrix<f64>,
-    dof: f64,
-) -> (DMatrix<f64>, f64, Option<Slow>) {
-    let unknowns = white.nrows();
-    let mut scores = DMatrix::<f64>::zeros(unknowns, BINS);
-    for (i, (s, r)) in circles.samples.iter().zip(solution.residuals.iter()).enumerate() {
-        let bin = (s.angle.rem_euclid(TAU) / TAU * BINS as f64) as usize % BINS;
-        scores.column_mut(bin).axpy(*r, &solution.gain.column(i), 1.0);
-    }
-    let mut near = DMatrix::<f64>::zeros(unknowns, BINS);
-    for bin in 0..BINS {
-        for lag in 0..TOGETHER {
-            let weight = 1.0 - lag as f64 / TOGETHER as f64;
-            near.column_mut(bin).axpy(weight, &scores.column((bin + lag) % BINS), 1.0);
-            if lag > 0 {
-                near.column_mut(bin).axpy(weight, &scores.column((bin + BINS - lag) % BINS), 1.0);
-            }
-        }
-    }
-    let few = circles.samples.len() as f64 / dof;
-    let mut together = &scores * near.transpose() * few;
-    let slow = Wander::of(&circles.samples, &solution.residuals).map(|wander| {
-        let of_wander = wander.covariance(&circles.samples, &solution.gain);
-        together += &of_wander;
-        Slow { variance: of_wander.diagonal(), dof: wander.independent(&circles.samples) }
-    });
-    let together = (&together + together.transpose()) * 0.5;
-    let ratio = |j: usize| (together[(j, j)] / white[(j, j)].max(f64::MIN_POSITIVE)).max(0.0).sqrt();
-    // an uncertainty below that of white noise would be luck
-    let lift: Vec<f64> = (0..unknowns).map(|j| (1.0 / ratio(j).max(1e-12)).max(1.0)).collect();
-    let floor = |i: usize, j: usize| {
-        if lift[i] > 1e6 || lift[j] > 1e6 { white[(i, j)] } else { together[(i, j)] * lift[i] * lift[j] }
-    };
-    let factor = (0..unknowns).map(ratio).fold(1.0, f64::max);
-    (DMatrix::from_fn(unknowns, unknowns, floor), factor, slow)
-}
-
-/// What the wander has of the variance of each coefficient, and its degrees of freedom.
-struct Slow {
-    variance: DVector<f64>,
-    dof: f64,
-}
-
 fn report(
     circles: &Circles,
     selected: Selected,
@@ -396,8 +325,11 @@ fn report(
     let sigma = (solution.sum / dof).sqrt();
     let white = &solution.cofactor * (sigma * sigma);
     let is_white = widening(&solution.residuals) <= 1.0;
-    let (covariance, factor, slow) =
-        if is_white { (white, 1.0, None) } else { hanging_together(circles, solution, &white, dof) };
+    let (covariance, factor, slow) = if is_white {
+        (white, 1.0, None)
+    } else {
+        hanging_together(&circles.samples, (&solution.residuals, &solution.gain), &white, dof)
+    };
     let std = |j: usize| covariance[(j, j)].max(0.0).sqrt();
     let feeds = columns::feeds(samples);
     let mut offset = [(0.0, 0.0); 2];
