@@ -269,7 +269,7 @@ impl Found for Outcome<'_> {
 
     fn print(&self) {
         let Units { value: unit, of_value: out, .. } = Units::of(self.symbol);
-        say!("{}: change of the map, {unit} (k = 1)", self.symbol);
+        say_text!("{}: change of the map, {unit} (k = 1)", self.symbol);
         say!("     first    second     third      change       std");
         for (i, (value, variance)) in self.filter.map().zip(self.filter.variances()).enumerate() {
             let [a, b, c] = self.grid.node(i);
@@ -277,7 +277,7 @@ impl Found for Outcome<'_> {
         }
         let Run { readings, rejected, mean_ratio, outside, .. } = self.run;
         let [before, after, noise] = [self.run.before, self.run.after, self.noise.variance().sqrt()].map(out);
-        say!(
+        say_text!(
             "{readings} readings, {rejected} rejected; rms {before:.3} before, {after:.3} after; noise {noise:.3} {unit}; nu^2/S {mean_ratio:.2} in the mean"
         );
         if self.run.alarm {

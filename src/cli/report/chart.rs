@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use super::page::escape;
 use super::plot::{round_below, with_room};
+use crate::numerals::micro;
 
 /// Size of a chart of which two stand side by side on A4, pixels.
 pub(crate) const HALF: (f64, f64) = (440.0, 270.0);
@@ -166,11 +167,11 @@ impl Chart {
             self.put(format_args!("<path class=\"{class}\" d=\"M{left:.1} {at:.1}H{right:.1}\"/>"));
             self.words(left - 6.0, at + 4.0, "end", &label);
         }
-        self.words(0.5 * (left + right), height - 7.0, "middle", &escape(labels.x));
+        self.words(0.5 * (left + right), height - 7.0, "middle", &escape(&micro(labels.x)));
         self.put(format_args!(
             "<text transform=\"translate(13 {:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
             0.5 * (bottom + top),
-            escape(labels.y)
+            escape(&micro(labels.y))
         ));
     }
 
