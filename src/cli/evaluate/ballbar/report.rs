@@ -135,11 +135,13 @@ fn trend(page: &mut Page, trend: &Trend) {
     };
     let plot = |c: &super::trend::Course| {
         let (name, unit) = c.name.rsplit_once(", ").unwrap_or((&c.name, ""));
-        Plot::new(name, &trend.axis, unit)
-            .with(Style::Line, "", points(c))
-            .with(Style::Dots, "test", points(c))
-            // a scale from zero: noise of a constant is no trend
-            .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
+        let known = || trend.at.iter().zip(&c.values).filter_map(|(t, v)| v.map(|(v, std)| (*t, v, std)));
+        let points: Vec<(f64, f64)> = known().map(|(t, v, _)| (t, v)).collect();
+        let limits = known().filter_map(|(t, v, std)| Some((t, v, COVERAGE * std?)));
+        let limits: Vec<(f64, f64)> = limits.flat_map(|(t, v, u)| [(t, v - u), (t, v + u)]).collect();
+        let plot = Plot::new(name, &trend.axis, unit).with(Style::Discs, "test", points.clone());
+        let plot = if limits.is_empty() { plot } else { plot.with(Style::Limits, "U (k = 2)", limits) };
+        plot.with(Style::Reference, "", points)
     };
     page.charts(&trend.courses.iter().take(1 + COURSES).map(plot).collect::<Vec<_>>());
     trend.table().put(page);
