@@ -83,7 +83,7 @@ fn from_an_iso_230_2_test_to_a_report() {
 fn from_a_session_to_a_named_cause() {
     let (said, _) = follow("named-cause.md");
     assert!(said[1].starts_with("explained: ") && said[1].contains("(backlash:x)"), "{}", said[1]);
-    assert!(said[1].contains("(squareness:xy)"), "{}", said[1]);
+    assert!(said[1].contains("(squareness:xy)") && said[1].contains("the squareness EC0Y"), "{}", said[1]);
     assert!(said[2].contains("backlash:x: in the model") && said[2].contains("squareness:xy: in the model"));
     assert!(said[3].contains("\nno gap: "), "{}", said[3]);
 }
