@@ -130,7 +130,7 @@ fn print(args: &Args, model: &Model, corrected: &Corrected) {
     let Corrected { blocks, blocks_out, rest_line, .. } = corrected;
     say!("{}: {blocks} blocks with motion, {blocks_out} after dividing", args.out.display());
     for (axis, unit, value) in largest(model, corrected) {
-        say!("largest correction of {axis:<2}{value:>10.2} {unit}");
+        say_text!("largest correction of {axis:<2}{value:>10.2} {unit}");
     }
     for (direction, rest) in ["X", "Y", "Z"].into_iter().zip(corrected.rest.iter()) {
         say_text!("largest rest along {direction:<4}{:>10.2} um (workpiece coordinates)", um_from_mm(*rest));

@@ -150,11 +150,17 @@ fn send(ask: Ask, common: &Common) -> Result<()> {
     for note in &answer.notes {
         note!("note: {note}");
     }
+    if ask.shadow {
+        note!("{SHADOW}");
+    }
     if let Some(words) = consequence(ask.command, answer.state.as_deref()) {
         note!("{words}");
     }
     Ok(())
 }
+
+/// What shadow mode does: the state that follows is that of the compensation, which stays off.
+const SHADOW: &str = "note: shadow mode is on: the correction is calculated and scored, nothing is applied; volcomp status shows the score";
 
 /// What a state means for a request that was accepted.
 fn consequence(command: Verb, state: Option<&str>) -> Option<&'static str> {

@@ -12,6 +12,10 @@ pub enum Style {
     Line,
     /// Dots.
     Dots,
+    /// Large dots, of few points.
+    Discs,
+    /// Limits from each odd point to the even one after it, in the colour of the series before.
+    Limits,
     /// A thin dashed line for reference.
     Reference,
 }
@@ -61,7 +65,11 @@ impl Plot {
         let labels = Labels { title: &self.title, x: &self.x_label, y: &self.y_label };
         let mut chart = Chart::new(HALF, labels, points().map(|p| p.0), points().map(|p| p.1));
         let mut keys = String::new();
-        for (series, ink) in self.series.iter().zip(INKS.into_iter().cycle()) {
+        let (mut inks, mut ink) = (INKS.into_iter().cycle(), Ink::Blue);
+        for series in &self.series {
+            if series.style != Style::Limits {
+                ink = inks.next().unwrap_or(ink);
+            }
             let line = series.points.iter().copied();
             let mark = match series.style {
                 Style::Line => {
@@ -71,6 +79,14 @@ impl Plot {
                 Style::Dots => {
                     chart.marks(Mark::Dot, ink, line);
                     Mark::Dot
+                }
+                Style::Discs => {
+                    chart.marks(Mark::Disc, ink, line);
+                    Mark::Disc
+                }
+                Style::Limits => {
+                    chart.limits(ink, &series.points);
+                    Mark::Limits
                 }
                 Style::Reference => {
                     chart.reference(line);
@@ -98,6 +114,7 @@ mod tests {
         let plot = Plot::new("<p>", "x, mm", "y, µm")
             .with(Style::Line, "<l>", vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)])
             .with(Style::Dots, "dots", vec![(0.0, 2.0)])
+            .with(Style::Limits, "U", vec![(0.0, 1.5), (0.0, 2.5)])
             .with(Style::Reference, "zero", vec![]);
         page.charts(&[plot]);
         page.bars([("<b>".into(), 2.0, "2 µm".into())]);

@@ -33,8 +33,13 @@ impl Sign {
 
 /// Most rows of a table.
 pub const ROWS_MAX: usize = 256;
-const LIMITS: Limits =
-    Limits { format: "heidenhain", equidistant: true, points: ROWS_MAX, two_directions: true };
+const LIMITS: Limits = Limits {
+    format: "heidenhain",
+    equidistant: true,
+    points: ROWS_MAX,
+    two_directions: true,
+    decimals: DECIMALS_MAX,
+};
 
 /// What was read.
 #[derive(Debug, Clone, PartialEq)]

@@ -17,8 +17,13 @@ use super::sample::sample_positioning;
 pub const POINTS_MAX: usize = 1500;
 /// Steps per mm or deg with unit 1.
 const STEPS: f64 = 1e4;
-const LIMITS: Limits =
-    Limits { format: "isg-lis", equidistant: false, points: POINTS_MAX, two_directions: true };
+const LIMITS: Limits = Limits {
+    format: "isg-lis",
+    equidistant: false,
+    points: POINTS_MAX,
+    two_directions: true,
+    decimals: 4, // of a step
+};
 
 /// True where the beginning of a file looks like this format.
 #[must_use]
@@ -171,18 +176,7 @@ pub fn write(
     let mut table = sample_positioning(spec, axis, sampling, &LIMITS)?;
     let unit = |v: f64| axis.kind().position_out(v);
     let steps = |v: f64| (unit(v) * STEPS).round() as i64;
-    let mut at: Vec<i64> = table.positions.iter().map(|q| steps(*q)).collect();
-    at.dedup();
-    if at.len() != table.positions.len() {
-        // two positions within one step would be one point with two values
-        let (found, limit, format) = (table.positions.len(), at.len(), LIMITS.format);
-        return Err(ExportError::TooManyPoints {
-            found,
-            limit,
-            format,
-            reached_um: table.largest_error * 1e3,
-        });
-    }
+    let at: Vec<i64> = table.positions.iter().map(|q| LIMITS.printed(axis, *q) as i64).collect();
     let column = &table.columns[0];
     let two_way = column.reverse.is_some();
     let mut out = format!(

@@ -35,8 +35,13 @@ pub enum LinearUnit {
 /// `EMCMOT_COMP_SIZE`.
 pub const ROWS_MAX: usize = 256;
 const MM_PER_INCH: f64 = 25.4;
-const LIMITS: Limits =
-    Limits { format: "linuxcnc", equidistant: false, points: ROWS_MAX, two_directions: true };
+const LIMITS: Limits = Limits {
+    format: "linuxcnc",
+    equidistant: false,
+    points: ROWS_MAX,
+    two_directions: true,
+    decimals: DECIMALS_MAX,
+};
 
 /// Millimetres or degrees in the unit of the file.
 fn size(kind: AxisKind, unit: LinearUnit) -> f64 {

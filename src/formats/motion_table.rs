@@ -5,8 +5,13 @@ use crate::prelude::*;
 use volcomp_units::arcsec_from_rad;
 
 /// Any number of points, both directions.
-pub(crate) const FREE: Limits =
-    Limits { format: "csv", equidistant: false, points: 200_000, two_directions: true };
+pub(crate) const FREE: Limits = Limits {
+    format: "csv",
+    equidistant: false,
+    points: 200_000,
+    two_directions: true,
+    decimals: DECIMALS_MAX,
+};
 
 /// Writes the table; with the points that are in it.
 ///

@@ -5,7 +5,7 @@ pub(crate) use std::collections::{BTreeMap, BTreeSet};
 pub(crate) use crate::axis_table::positioning;
 pub(crate) use crate::error::{FormatError, FormatErrorKind, short};
 pub(crate) use crate::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_axis};
-pub(crate) use crate::text::{Word, lines, rounded, words};
+pub(crate) use crate::text::{DECIMALS_MAX, Word, lines, rounded, words};
 pub(crate) use volcomp_identify::Reading;
 pub(crate) use volcomp_model::curve::{Curve, Interpolation};
 pub(crate) use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ModelSpec};

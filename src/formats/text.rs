@@ -355,12 +355,15 @@ pub fn number(value: f64, decimals: usize) -> String {
     if present < decimals { format!("{value:.decimals$}") } else { short }
 }
 
-/// A number of a control's table: rounded to 1e-12 (far below what matters, mm or rad), with at least `decimals` decimals.
+/// Decimals of a number of a control's table at most: far below what matters, mm or rad.
+pub(crate) const DECIMALS_MAX: usize = 12;
+
+/// A number of a control's table: rounded to 1e-12, with at least `decimals` decimals.
 ///
 /// Values of a curve carry the rounding of its evaluation; without it, what was read would not be written alike.
 #[must_use]
 pub fn rounded(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.12}");
+    let text = format!("{value:.DECIMALS_MAX$}");
     match text.parse::<f64>() {
         Ok(value) => number(value, decimals),
         Err(_) => text,

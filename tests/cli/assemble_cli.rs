@@ -156,6 +156,7 @@ fn contradictions_name_numbers_and_remedies() {
         (&["--absolute", "c.toml"], 64, "no such input"),
         (&["--motion", "c=y.csv"], 64, "has no such axis"),
         (&["--motion", "y=none.csv"], 74, "none.csv"),
+        (&["--motion", "x=y.csv"], 65, "EXY is an error of axis Y, but the axis given is X"),
         (&["--assume-std-um", "0"], 64, "not above 0"),
     ] {
         let mut all = vec!["model", "assemble", "a.toml", "bad.toml", "--out", "x.toml"];

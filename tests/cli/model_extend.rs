@@ -200,6 +200,27 @@ fn a_rough_curve_is_its_polynomial_and_a_table() {
 }
 
 #[test]
+fn tables_of_an_extended_model_go_to_a_control_and_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let bow = "form = \"polynomial\"\nalong = \"y\"\nover = \"x\"\nlow = 2\nhigh = 2\ncentre-mm = 250\nhalf-mm = 250";
+    let cosine = "form = \"cyclic\"\naxis = \"x\"\nalong = \"x\"\npitch-mm = 100\nharmonics = 1";
+    let effects = [effect("straightness", "eyx", "-3", bow), effect("cyclic", "x", "2, 1", cosine)];
+    std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
+    std::fs::write(dir.path().join("a.toml"), addition("m", &effects)).unwrap();
+    for args in [
+        &["model", "extend", "--model", "m.toml", "--add", "a.toml", "--out", "n.toml"][..],
+        &["export", "n.toml", "--format", "isg", "--axis", "x", "--sense", "relative", "--out", "x.isg"],
+        &["import", "x.isg", "--chain", "[w C' X' b Y Z t]", "--sense", "relative", "--out", "back.toml"],
+    ] {
+        let out = volcomp(dir.path(), args);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    }
+    // the middle of the travel, where both tables have a point
+    let text = std::fs::read_to_string(dir.path().join("n.toml")).unwrap();
+    assert!(!text.contains("249.9999") && text.contains("250"), "{text}");
+}
+
+#[test]
 fn degrees_and_constants_out_of_range_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();

@@ -80,10 +80,29 @@ fn from_an_iso_230_2_test_to_a_report() {
 }
 
 #[test]
+fn from_a_ballbar_test_to_a_verified_correction() {
+    let _processors = crate::processors();
+    let (said, clone) = follow("ballbar.md");
+    let line = |text: &str, name: &str| -> Vec<f64> {
+        let line = text.lines().find(|l| l.starts_with(name)).expect("the figure");
+        line.split_whitespace().filter_map(|w| w.parse().ok()).collect()
+    };
+    // before, after, reduction
+    let both = line(&said[said.len() - 1], "bidirectional circular error G(b)");
+    assert!(both[2] > 70.0, "{both:?}");
+    // what the correction was expected to leave, of both feeds
+    let ideal = line(&said[3], "circular error G after an ideal correction");
+    assert!((ideal[0] - both[1]).abs() < 1.5, "{ideal:?} {both:?}");
+    for page in ["circle.html", "both.html"] {
+        assert!(clone.folder.path().join(page).exists(), "{page}");
+    }
+}
+
+#[test]
 fn from_a_session_to_a_named_cause() {
     let (said, _) = follow("named-cause.md");
     assert!(said[1].starts_with("explained: ") && said[1].contains("(backlash:x)"), "{}", said[1]);
-    assert!(said[1].contains("(squareness:xy)"), "{}", said[1]);
+    assert!(said[1].contains("(squareness:xy)") && said[1].contains("the squareness EC0Y"), "{}", said[1]);
     assert!(said[2].contains("backlash:x: in the model") && said[2].contains("squareness:xy: in the model"));
     assert!(said[3].contains("\nno gap: "), "{}", said[3]);
 }

@@ -180,7 +180,13 @@ impl Compensable {
             Some(Fate::Taken(_)) if found.budget.does_harm(&cause.label()) => {
                 "not advised: take it out of the addition".to_owned()
             }
-            Some(fate @ Fate::Taken(_)) => format!("yes, as {}", fate.symbols().join(" ")),
+            Some(fate @ Fate::Taken(_)) => {
+                // a straight line of a straightness error: the field calls it by the angle
+                let angle = squareness_symbol(&cause.subject).filter(|_| cause.effect == "squareness");
+                let angle =
+                    angle.map_or_else(String::new, |(symbol, _)| format!(", the squareness {symbol}"));
+                format!("yes, as {}{angle}", fate.symbols().join(" "))
+            }
             Some(Fate::Left(why)) => format!("no: {why}"),
             None if cause.kind == Kind::Machine => "no".to_owned(),
             None => "no: not an error of the machine".to_owned(),

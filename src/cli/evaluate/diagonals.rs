@@ -173,7 +173,8 @@ const HEIGHT: u32 = 360;
 
 /// The four diagonals of a test, two in a row.
 fn four(test: &Evaluated, y: [f64; 2], area: &Area<'_>) -> Drawn {
-    for (place, (diagonal, result)) in area.split_evenly((2, 2)).iter().zip(&test.result.diagonals) {
+    let (plots, below) = area.split_vertically(2 * HEIGHT);
+    for (place, (diagonal, result)) in plots.split_evenly((2, 2)).iter().zip(&test.result.diagonals) {
         let readings = of(test, *diagonal);
         let both = result.both.map_or(String::new(), |b| format!(": E {:.2}, A {:.2} µm", b.e, b.a));
         let title = format!("{} ({}){both}", diagonal.name(), diagonal.signs());
@@ -182,7 +183,7 @@ fn four(test: &Evaluated, y: [f64; 2], area: &Area<'_>) -> Drawn {
         words(&head, &title, (74, 12), 16)?;
         drawing::draw_deviations(&body, &shown, y, 16)?;
     }
-    Ok(())
+    test.result.diagonals.first().map_or(Ok(()), |(_, result)| drawing::draw_legend(&below, result))
 }
 
 /// The diagonals, before and after below each other.
@@ -191,7 +192,7 @@ fn whole(title: &str, after: &Evaluated, before: Option<&Evaluated>, y: [f64; 2]
         SHEET_WIDTH,
         title,
         &headed(before, after),
-        |_| 2 * HEIGHT,
+        |_| 2 * HEIGHT + drawing::LEGEND,
         |area, test| four(test, y, area),
     )
 }
@@ -211,8 +212,7 @@ fn report(
     let before = before.map(|(test, _)| test);
     page.heading("Each diagonal");
     each(&mut page, after, before);
-    let caption = "Deviation = actual - target along the diagonal. Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, \
-                   dots: readings, dashed: mean of both directions.";
+    let caption = "Deviation = actual - target along the diagonal.";
     let name = if before.is_some() { "After, same scale" } else { "Deviations" };
     for (name, test) in [("Before", before), (name, Some(after))] {
         let Some(test) = test else { continue };
@@ -272,7 +272,7 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         ),
         about: [", each diagonal about its mean"; 2],
         plots,
-        caption: "Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, dots: readings.",
+        caption: "Deviation = actual - target along the diagonal.",
         readings: [placed(&before), placed(&after)],
         is_repeated: true,
         notes: vec![

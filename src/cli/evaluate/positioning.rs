@@ -23,7 +23,7 @@ use volcomp_identify::reading::group_by_position;
 ///   volcomp evaluate iso230-2 --data after.csv --before before.csv --html x-axis.html --title "VMC 850, X axis"
 #[derive(Debug, clap::Parser)]
 pub(crate) struct Args {
-    /// CSV with cycle,direction,target_mm,deviation_um (rotary: target_deg,deviation_arcsec), or a .dat file; - is stdin.
+    /// CSV with cycle,direction,target_mm,deviation_um (rotary: target_deg,deviation_arcsec), or a .dat or .rtl file; - is stdin.
     #[arg(long, value_name = "FILE", required_unless_present = "file")]
     data: Option<PathBuf>,
     /// The same test at an earlier time, to compare with.

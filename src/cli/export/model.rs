@@ -22,7 +22,7 @@ pub(super) struct ModelOptions {
     #[arg(long, value_name = "UM")]
     tolerance_um: Option<f64>,
     /// Distance of the points in mm (rotary: deg), instead of a tolerance.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM|DEG")]
     step: Option<f64>,
     /// First and last position in mm (rotary: deg), such as 0:500; else the travel of the axis.
     #[arg(long, value_name = "LOW:HIGH", value_parser = range, allow_hyphen_values = true)]

@@ -164,7 +164,7 @@ fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySy
             AxisKind::Linear => ("linear", "degrees"),
             AxisKind::Rotary => ("rotary", "millimetres"),
         };
-        return Err(data!(file, "axis {axis} is {is}, the test is in {has}; check --axis"));
+        return Err(data!(file, "axis {axis} is {is}, the test is in {has}; give the axis that moved"));
     }
     let offset = if axis.kind() == AxisKind::Rotary { 3 } else { 0 };
     let component = Component::ALL[axis.direction() + offset];
@@ -227,7 +227,6 @@ fn is_swapped(readings: &[Reading]) -> bool {
 
 /// The symbol of a column such as `exx_um`, or what is wrong with it.
 fn symbol_column(column: &str, axis: AxisName, position_name: &str) -> Result<ErrorSymbol, String> {
-    let lower = axis.lower();
     let (name, unit) = column.rsplit_once('_').unwrap_or((column, ""));
     let Some(symbol) = ErrorSymbol::parse(name).filter(|_| name.chars().all(|c| !c.is_ascii_uppercase()))
     else {
@@ -240,7 +239,7 @@ fn symbol_column(column: &str, axis: AxisName, position_name: &str) -> Result<Er
         return Err(format!("{symbol} is one number, not a curve; give it as --squareness {name}=.."));
     }
     if symbol.axis() != axis {
-        return Err(format!("{symbol} is an error of axis {}, but --axis says {lower}", symbol.axis()));
+        return Err(format!("{symbol} is an error of axis {}, but the axis given is {axis}", symbol.axis()));
     }
     let expected = Units::of(symbol).value;
     if unit != expected {
@@ -282,7 +281,7 @@ mod tests {
             ("exx_um\n1\n", "column position_mm is missing"),
             ("Position_mm,exx_um\n", "is column Position_mm meant? rename it"),
             ("position_mm\n1\n", "no column with an error of axis X, such as exx_um"),
-            ("position_mm,eyy_um\n", "eyy_um: EYY is an error of axis Y, but --axis says x"),
+            ("position_mm,eyy_um\n", "eyy_um: EYY is an error of axis Y, but the axis given is X"),
             ("position_mm,exx_mm\n", "exx_mm: unit 'mm'; EXX is read in um"),
             ("position_mm,eax_um\n", "EAX is read in arcsec"),
             ("position_mm,exx\n", "unit ''"),

@@ -220,6 +220,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     args.pictures.write(|| picture::svg(&fitted), || picture::page(&fitted))?;
     print_notes(&fitted);
+    args.uncovered(&model, &fitted).iter().for_each(|note| note!("note: {note}"));
     fitted.iter().flat_map(outlier_lines).for_each(|line| note!("outlier: {line}"));
     if !stdout_taken(&args.model, args.json.as_deref()) {
         say_text!("{}", table(&fitted).trim_end());
@@ -249,6 +250,16 @@ impl Args {
         let [low, high] = given.or_else(|| spec?.axis(axis).travel)?;
         let is_mirrored = spec.is_some_and(|s| s.is_mirrored(axis));
         Some(if is_mirrored { [-high, -low] } else { [low, high] })
+    }
+
+    /// Curves that cover only a part of the travel of their axis.
+    fn uncovered(&self, model: &ModelFile, fitted: &[Fitted]) -> Vec<String> {
+        let note = |symbol: ErrorSymbol| {
+            let travel = self.travel_of(symbol.axis(), Some(model))?;
+            let ranges = model.spec.error(symbol)?.curves.iter().filter_map(Curve::range);
+            positions::uncovered(symbol, ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?, travel)
+        };
+        fitted.iter().filter_map(|f| note(f.symbol)).collect()
     }
 
     /// Says once per axis what its targets cannot show.

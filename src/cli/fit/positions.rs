@@ -10,7 +10,7 @@ use volcomp_model::ModelError;
 const GAP: f64 = 20.0;
 /// Fewest positions beside a gap that is judged.
 const OTHERS: usize = 3;
-/// Share of the travel by which positions may lie outside it.
+/// Share of the travel by which positions may lie outside it, or that a curve may leave out.
 const OUTSIDE: f64 = 0.01;
 /// Largest value of a curve, in largest readings, that the readings themselves explain.
 const SWING: f64 = 3.0;
@@ -94,6 +94,21 @@ fn outside(measured: &Measured, axis: AxisName, unit: &Unit, [low, high]: [f64; 
     let [position, low, high] = [measured.readings[first].position, low, high].map(|v| unit.show(v));
     Some(format!(
         "{place}: position {position} {name} is outside the travel of axis {axis}, {low} to {high} {name} ({count} of {all} readings are)"
+    ))
+}
+
+/// What a curve over `range` does at the rest of the travel of its axis, mm or rad.
+pub(super) fn uncovered(symbol: ErrorSymbol, range: [f64; 2], travel: [f64; 2]) -> Option<String> {
+    let allowed = OUTSIDE * (travel[1] - travel[0]);
+    if range[0] <= travel[0] + allowed && range[1] >= travel[1] - allowed {
+        return None;
+    }
+    let (axis, unit) = (symbol.axis(), Unit::of(symbol.axis()));
+    let ([from, to], [low, high], name) =
+        (range.map(|v| unit.show(v)), travel.map(|v| unit.show(v)), unit.name);
+    Some(format!(
+        "{symbol}: the curve covers {from} to {to} {name} of the travel of axis {axis}, {low} to {high} {name}; beyond its ends their \
+         values are held and the positions flagged: measure the rest of the travel"
     ))
 }
 
@@ -194,6 +209,13 @@ mod tests {
             )
         );
         assert_eq!(outside(&at(&[-1.0, 400.0, 504.0]), AxisName::X, &unit, [0.0, 500.0]), None);
+        let exx = ErrorSymbol::parse("exx").unwrap();
+        let found = uncovered(exx, [15.0, 977.0], [0.0, 1000.0]).unwrap();
+        assert!(
+            found.contains("covers 15 to 977 mm of the travel of axis X, 0 to 1000 mm; beyond"),
+            "{found}"
+        );
+        assert_eq!(uncovered(exx, [5.0, 1000.0], [0.0, 1000.0]), None);
         assert!(metres(&at(&[0.0, 0.25, 0.5]), AxisName::X).unwrap().contains("were they in m, not in mm?"));
         assert_eq!(metres(&at(&[0.0, 20.0]), AxisName::X), None);
         assert_eq!(metres(&at(&[0.0, 0.5]), AxisName::C), None);

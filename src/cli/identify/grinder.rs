@@ -380,17 +380,21 @@ fn step_json(found: &Step, lines: &[u64]) -> Value {
 fn print_step(found: &Step) {
     let unit = found.axis.kind().position_unit();
     let reference = position(found, found.positions[found.reference]);
-    say!("axis {}: zero at {reference:.3} {unit}, condition {:.1}", found.axis, found.condition);
+    say_text!("axis {}: zero at {reference:.3} {unit}, condition {:.1}", found.axis, found.condition);
     let plus_minus = |v: f64| found.sigma.map_or_else(String::new, |_| format!("  +- {v:.3}"));
     for m in &found.motions {
         let Units { value: unit, of_value, .. } = Units::of(m.symbol);
         let worst = m.std.iter().map(Shares::total).fold(0.0, f64::max);
         let ([low, high], std) = (hull(m.values.iter().copied()).map(of_value), plus_minus(of_value(worst)));
-        say!("  {:<6}{low:>10.3} to {high:>9.3} {unit:<7}{std}", m.symbol);
+        say_text!("  {:<6}{low:>10.3} to {high:>9.3} {unit:<7}{std}", m.symbol);
     }
     for (symbol, value, std) in &found.locations {
         let Units { value: unit, of_value, .. } = Units::of(*symbol);
-        say!("  {symbol:<6}{:>10.3}              {unit:<7}{}", of_value(*value), plus_minus(of_value(*std)));
+        say_text!(
+            "  {symbol:<6}{:>10.3}              {unit:<7}{}",
+            of_value(*value),
+            plus_minus(of_value(*std))
+        );
     }
     if found.set_up == SetUp::ShiftOnly {
         say!("  the artefact is taken to lie parallel to the axes: the readings cannot show its turn");

@@ -37,22 +37,22 @@ pub(crate) struct Args {
     #[arg(long, value_delimiter = ',', value_name = "MM", required_unless_present_any = ["input", "file"], allow_hyphen_values = true)]
     third: Vec<f64>,
     /// How far the model may be wrong (k = 1), um or arcsec.
-    #[arg(long, value_name = "STD", required_unless_present_any = ["input", "file"])]
+    #[arg(long, value_name = "UM|ARCSEC", required_unless_present_any = ["input", "file"])]
     sigma: Option<f64>,
     /// Distance over which nodes move together; 0: each on its own.
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     correlation_mm: f64,
     /// Noise of the instrument (k = 1), um or arcsec.
-    #[arg(long, value_name = "STD", required_unless_present_any = ["input", "file"])]
+    #[arg(long, value_name = "UM|ARCSEC", required_unless_present_any = ["input", "file"])]
     noise: Option<f64>,
     /// Learn the noise from the data, between a tenth and ten times --noise.
     #[arg(long)]
     adaptive: bool,
     /// Random walk of every node: standard deviation after one hour, um or arcsec; needs t_s.
-    #[arg(long, value_name = "STD", default_value_t = 0.0)]
+    #[arg(long, value_name = "UM|ARCSEC", default_value_t = 0.0)]
     walk_per_sqrt_h: f64,
     /// Largest change against the model, um or arcsec.
-    #[arg(long, value_name = "SIZE")]
+    #[arg(long, value_name = "UM|ARCSEC")]
     limit: Option<f64>,
     #[command(flatten)]
     model: ModelWriter,
@@ -269,7 +269,7 @@ impl Found for Outcome<'_> {
 
     fn print(&self) {
         let Units { value: unit, of_value: out, .. } = Units::of(self.symbol);
-        say!("{}: change of the map, {unit} (k = 1)", self.symbol);
+        say_text!("{}: change of the map, {unit} (k = 1)", self.symbol);
         say!("     first    second     third      change       std");
         for (i, (value, variance)) in self.filter.map().zip(self.filter.variances()).enumerate() {
             let [a, b, c] = self.grid.node(i);
@@ -277,7 +277,7 @@ impl Found for Outcome<'_> {
         }
         let Run { readings, rejected, mean_ratio, outside, .. } = self.run;
         let [before, after, noise] = [self.run.before, self.run.after, self.noise.variance().sqrt()].map(out);
-        say!(
+        say_text!(
             "{readings} readings, {rejected} rejected; rms {before:.3} before, {after:.3} after; noise {noise:.3} {unit}; nu^2/S {mean_ratio:.2} in the mean"
         );
         if self.run.alarm {

@@ -87,7 +87,7 @@ pub(super) fn run(method: &impl core::ops::Deref<Target: Method>) -> Result<()> 
     } else {
         found.print();
         if !end.is_empty() {
-            say!("{}", end.trim_end());
+            say_text!("{}", end.trim_end());
         }
     }
     Ok(())

@@ -173,7 +173,7 @@ impl Motions<'_> {
             Component::ALL.map(|c| format!("{:>12.3}", in_print_units(c, of(c)))).concat()
         };
         let heads = symbols(axis).map(|s| format!("{:>12}", format!("{s} {}", Units::of(s).value)));
-        say!("{:>12}{}", "position mm", heads.concat());
+        say_text!("{:>12}{}", "position mm", heads.concat());
         for (position, motion) in positions.iter().zip(&means) {
             say!("{position:>12.3}{}", cells(&|c| motion[c.index()]));
         }

@@ -23,6 +23,10 @@ pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String> {
     if let Some(volume) = picture::distorted(spec, model)? {
         page.heading("Distorted volume");
         page.picture(&volume);
+        page.note(
+            "The lines are drawn for travel towards plus. The largest position error above is searched over the whole volume, all \
+             rotary positions and both directions of travel.",
+        );
     }
     page.heading("Axes");
     page.facts(spec.chain.axes().iter().map(|a| (a.name, axis_words(spec, a.name))));

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use super::page::escape;
 use super::plot::{round_below, with_room};
+use crate::numerals::micro;
 
 /// Size of a chart of which two stand side by side on A4, pixels.
 pub(crate) const HALF: (f64, f64) = (440.0, 270.0);
@@ -13,6 +14,8 @@ pub(crate) const HALF: (f64, f64) = (440.0, 270.0);
 const ROOM: [f64; 4] = [58.0, 10.0, 14.0, 42.0];
 /// Distance of two ticks at least, pixels.
 const TICK_PX: [f64; 2] = [70.0, 40.0];
+/// Radius of a large dot, pixels.
+const DISC: f64 = 4.0;
 
 /// Colour and mark of a series; the style sheet holds the colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +52,10 @@ impl Ink {
 pub(crate) enum Mark {
     /// A dot.
     Dot,
+    /// A large dot.
+    Disc,
+    /// A vertical line between two limits.
+    Limits,
     /// A cross.
     Cross,
     /// A ring.
@@ -66,6 +73,8 @@ pub(crate) fn key(mark: Mark, ink: Ink, label: &str) -> String {
     let class = ink.class();
     let drawn = match mark {
         Mark::Dot => format!("<circle class=\"d{class}\" cx=\"11\" cy=\"6\" r=\"3\"/>"),
+        Mark::Disc => format!("<circle class=\"d{class}\" cx=\"11\" cy=\"6\" r=\"{DISC}\"/>"),
+        Mark::Limits => format!("<path class=\"x{class}\" d=\"M11 1v10m-3 0h6m-6 -10h6\"/>"),
         Mark::Cross => format!("<path class=\"x{class}\" d=\"M8 3l6 6m0-6l-6 6\"/>"),
         Mark::Ring => format!("<circle class=\"o{class}\" cx=\"11\" cy=\"6\" r=\"3\"/>"),
         Mark::Reference => "<path class=\"ref\" d=\"M0 6h22\"/>".to_owned(),
@@ -166,11 +175,11 @@ impl Chart {
             self.put(format_args!("<path class=\"{class}\" d=\"M{left:.1} {at:.1}H{right:.1}\"/>"));
             self.words(left - 6.0, at + 4.0, "end", &label);
         }
-        self.words(0.5 * (left + right), height - 7.0, "middle", &escape(labels.x));
+        self.words(0.5 * (left + right), height - 7.0, "middle", &escape(&micro(labels.x)));
         self.put(format_args!(
             "<text transform=\"translate(13 {:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
             0.5 * (bottom + top),
-            escape(labels.y)
+            escape(&micro(labels.y))
         ));
     }
 
@@ -215,15 +224,32 @@ impl Chart {
                 Mark::Cross => write!(path, "M{:.1} {:.1}l4 4m0-4l-4 4", x - 2.0, y - 2.0),
                 Mark::Ring => write!(path, "M{:.1} {y:.1}a2 2 0 1 0 4 0a2 2 0 1 0-4 0", x - 2.0),
                 // a filled disc: a line of no length with round ends would not be printed
-                _ => write!(path, "M{:.1} {y:.1}a2 2 0 1 0 4 0 2 2 0 1 0-4 0", x - 2.0),
+                _ => {
+                    let r = if mark == Mark::Disc { DISC } else { 2.0 };
+                    write!(path, "M{:.1} {y:.1}a{r} {r} 0 1 0 {1} 0 {r} {r} 0 1 0-{1} 0", x - r, 2.0 * r)
+                }
             };
         }
         let kind = match mark {
             Mark::Cross => 'x',
             Mark::Ring => 'o',
+            Mark::Disc => 'd',
             _ => 'p',
         };
         self.put(format_args!("<path class=\"{kind}{}\" d=\"{path}\"/>", ink.class()));
+    }
+
+    /// Vertical limits between the points of each pair.
+    pub(crate) fn limits(&mut self, ink: Ink, pairs: &[(f64, f64)]) {
+        let mut path = String::new();
+        for pair in pairs.chunks_exact(2) {
+            let (x, [low, high]) = (self.x.at(pair[0].0), [pair[0].1, pair[1].1].map(|v| self.y.at(v)));
+            let _ = write!(path, "M{x:.1} {low:.1}V{high:.1}");
+            for y in [low, high] {
+                let _ = write!(path, "M{:.1} {y:.1}h6", x - 3.0);
+            }
+        }
+        self.put(format_args!("<path class=\"x{}\" d=\"{path}\"/>", ink.class()));
     }
 
     /// The range that both axes show: where a line of equality runs.

@@ -30,7 +30,7 @@ pub(crate) struct Cell {
 
 impl Cell {
     fn new(tag: &'static str, class: &'static str, words: impl Display) -> Self {
-        Self { tag, class, is_pale: false, content: escape(&words.to_string()) }
+        Self { tag, class, is_pale: false, content: words_of(words) }
     }
 
     /// Words.

@@ -5,6 +5,7 @@ use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 pub(crate) use plotters::prelude::*;
 
+use crate::numerals::micro;
 use volcomp_model::statistics::hull;
 
 /// The first series.
@@ -130,7 +131,7 @@ impl Axes<'_> {
         let ([title, quantity, number], [below, left], y_ticks) = sizes;
         let mut builder = ChartBuilder::on(area);
         if !self.title.is_empty() {
-            builder.caption(self.title, (FONT, title).into_font().color(&INK));
+            builder.caption(micro(self.title), (FONT, title).into_font().color(&INK));
         }
         let mut chart = builder
             .margin(8)
@@ -141,8 +142,8 @@ impl Axes<'_> {
         let ([x_low, x_high], [y_low, y_high]) = (self.x, self.y);
         chart
             .configure_mesh()
-            .x_desc(self.x_label)
-            .y_desc(self.y_label)
+            .x_desc(micro(self.x_label))
+            .y_desc(micro(self.y_label))
             .x_labels(self.x_ticks)
             .y_labels(y_ticks)
             .x_label_formatter(&|v| tick(*v, x_high - x_low))
@@ -188,7 +189,7 @@ pub(crate) fn round_below(v: f64) -> f64 {
 
 /// Words at a place of an area, from its upper left corner.
 pub(crate) fn words(area: &Area<'_>, text: &str, at: (i32, i32), size: u32) -> Drawn {
-    area.draw(&Text::new(text.to_owned(), at, (FONT, size).into_font().color(&INK)))?;
+    area.draw(&Text::new(micro(text), at, (FONT, size).into_font().color(&INK)))?;
     Ok(())
 }
 

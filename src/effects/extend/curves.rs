@@ -18,6 +18,8 @@ const PER_WAVE: f64 = 32.0;
 const POINTS_MAX: usize = 8001;
 /// Pivots closer than this are one, mm.
 const SAME_PIVOT_MM: f64 = 1e-6;
+/// Positions of tables are rounded to parts of a mm or rad, so that those of several tables are equal where they are meant to be.
+const POSITION_PARTS: f64 = 1e9;
 /// Values below this are no part of a model, mm or rad.
 const NOTHING: f64 = 1e-12;
 
@@ -85,8 +87,23 @@ pub(crate) fn displacements(model: &Extended, entry: &Entry, over: Axis, samplin
     if parts.is_empty() { Err(ZERO) } else { Ok(parts.into()) }
 }
 
-/// The positions of a table over one axis, mm or rad.
+/// The positions of a table over one axis, mm or rad, rounded between the ends.
 fn places(
+    model: &Extended,
+    entry: &Entry,
+    over: Axis,
+    sampling: Sampling<'_>,
+) -> Result<Vec<f64>, &'static str> {
+    let at = unrounded(model, entry, over, sampling)?;
+    let ends @ [low, high] = [at[0], at[at.len() - 1]];
+    let inner = at.iter().map(|q| (q * POSITION_PARTS).round() / POSITION_PARTS);
+    let inner = inner.filter(|q| ends.iter().all(|end| (q - end).abs() >= 1.0 / POSITION_PARTS));
+    let mut rounded: Vec<f64> = [low].into_iter().chain(inner).chain([high]).collect();
+    rounded.dedup();
+    Ok(rounded)
+}
+
+fn unrounded(
     model: &Extended,
     entry: &Entry,
     over: Axis,

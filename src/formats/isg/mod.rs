@@ -41,7 +41,13 @@ pub struct Tables {
 const AXES: [AxisName; 6] = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::B, AxisName::C];
 const AXES_TEXT: &str = "X Y Z A B C";
 const FORMAT: &str = "isg";
-const LIMITS: Limits = Limits { format: FORMAT, equidistant: false, points: 10_000, two_directions: false };
+const LIMITS: Limits = Limits {
+    format: FORMAT,
+    equidistant: false,
+    points: 10_000,
+    two_directions: false,
+    decimals: DECIMALS_MAX,
+};
 /// Most values of a file.
 const VALUES_MAX: usize = 6_000_000;
 
@@ -383,7 +389,7 @@ fn block(
         (_, way) => way.unwrap_or(Way::Forward),
     };
     let others: Vec<(AxisName, Vec<f64>)> =
-        motions.other_axes().into_iter().map(|a| (a, motions.grid_positions(a))).collect();
+        motions.other_axes().into_iter().map(|a| (a, LIMITS.apart(a, motions.grid_positions(a)))).collect();
     if let Some((other, _)) = others.iter().find(|(a, _)| !AXES.contains(a)) {
         return Err(ExportError::NoSuchAxis { axis: *other, format: FORMAT, known: AXES_TEXT });
     }

@@ -73,6 +73,20 @@ pub enum ExportError {
         /// Largest error with the most points, um (angles: over a lever of one metre).
         reached_um: f64,
     },
+    /// Two points that the format prints alike.
+    #[error(
+        "axis {axis}: the model changes by more than the tolerance between positions that are equal to {decimals} decimals, as {format} writes them; the table would err by {reached_um:.3} um: give a larger --tolerance-um"
+    )]
+    Jump {
+        /// The axis.
+        axis: AxisName,
+        /// The format.
+        format: &'static str,
+        /// Its decimals of a position, mm or deg.
+        decimals: usize,
+        /// Largest error of the table, um (angles: over a lever of one metre).
+        reached_um: f64,
+    },
     /// A step that does not fit.
     #[error("step {step} is not above 0 and below the range of {span}")]
     Step {

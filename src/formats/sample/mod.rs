@@ -57,6 +57,27 @@ pub struct Limits {
     pub points: usize,
     /// Values for both directions.
     pub two_directions: bool,
+    /// Decimals of positions, mm or deg.
+    pub decimals: usize,
+}
+
+impl Limits {
+    /// A position as it is printed, in units of the last decimal.
+    pub(super) fn printed(&self, axis: AxisName, q: f64) -> f64 {
+        (axis.kind().position_out(q) * 10f64.powi(self.decimals as i32)).round()
+    }
+
+    /// Positions without those that print alike; the ends stay.
+    pub(super) fn apart(&self, axis: AxisName, mut positions: Vec<f64>) -> Vec<f64> {
+        let alike = |a: f64, b: f64| self.printed(axis, a) == self.printed(axis, b);
+        let Some(end) = positions.pop() else { return positions };
+        positions.dedup_by(|next, kept| alike(*kept, *next));
+        if positions.len() > 1 && positions.last().is_some_and(|last| alike(*last, end)) {
+            positions.pop();
+        }
+        positions.push(end);
+        positions
+    }
 }
 
 /// Lever over which an angle counts as a length, mm.
@@ -198,7 +219,7 @@ impl<'a> Motions<'a> {
         sign * (function.value(x, travel) + grids.sum::<f64>() + reversal.sum::<f64>())
     }
 
-    /// Support points of another axis in all grids.
+    /// Support points of an axis in all grids.
     #[must_use]
     pub fn grid_positions(&self, axis: AxisName) -> Vec<f64> {
         let mut all = Vec::new();
@@ -237,11 +258,17 @@ impl<'a> Motions<'a> {
         Err(ExportError::EmptyRange { axis, low, high })
     }
 
-    /// Positions of tables inside the range, and the shortest wave of the other curves; the flag is true where straight
-    /// lines between the positions are exact.
-    fn knots(&self, [low, high]: [f64; 2]) -> (Vec<f64>, f64, bool) {
+    /// What the values of some components are made of.
+    fn behind<'b>(&'b self, components: &'b [Component]) -> impl Iterator<Item = &'b ErrorFunction> {
+        let needed = |c: Component| components.contains(&c) || (self.is_moved() && c.is_angle());
+        Component::ALL.into_iter().filter(move |c| needed(*c)).filter_map(|c| self.functions[c.index()])
+    }
+
+    /// Positions of the tables of some components inside the range, and the shortest wave of their other curves; the flag is true
+    /// where straight lines between the positions are exact.
+    fn knots(&self, components: &[Component], [low, high]: [f64; 2]) -> (Vec<f64>, f64, bool) {
         let (mut knots, mut wave, mut exact) = (vec![low, high], f64::INFINITY, true);
-        for curve in self.functions.iter().flatten().flat_map(|f| &f.curves) {
+        for curve in self.behind(components).flat_map(|f| &f.curves) {
             match curve {
                 Curve::Constant(_) => {}
                 Curve::Table(t) => {
@@ -268,7 +295,9 @@ impl<'a> Motions<'a> {
             }
         }
         // a width that changes along the axis may reach its limit between two points
-        exact &= self.functions.iter().flatten().flat_map(|f| &f.dynamics).all(|d| d.growth == 0.0);
+        exact &= self.behind(components).flat_map(|f| &f.dynamics).all(|d| d.growth == 0.0);
+        // beyond its travel an axis keeps the value at the end
+        knots.extend(self.axis.travel.into_iter().flatten());
         knots.extend(self.grid_positions(self.axis.name));
         knots.retain(|k| (low..=high).contains(k));
         let bed = self.axis.reference_points.iter().any(|r| r.body == ReferenceBody::Bed);
@@ -372,7 +401,9 @@ pub fn positions(
 ) -> Result<(Vec<f64>, f64), ExportError> {
     let [low, high] = motions.range(sampling.range)?;
     let span = high - low;
-    let (knots, wave, exact) = motions.knots([low, high]);
+    let (knots, wave, exact) = motions.knots(components, [low, high]);
+    let apart = |positions| limits.apart(motions.axis.name, positions);
+    let knots = apart(knots);
     let count = ((span / wave * PER_WAVE) as usize).clamp(DENSE_MIN, DENSE_MAX);
     let dense = sorted(
         (0..=count).map(|i| low + span * (i as f64 / count as f64)).chain(knots.iter().copied()).collect(),
@@ -406,18 +437,34 @@ pub fn positions(
         } else {
             (0..n).map(|i| low + step * i as f64).chain([high]).collect()
         };
+        let chosen = apart(chosen);
         let reached = error(&chosen);
         return Ok((chosen, reached));
     }
+    let tolerance = sampling.tolerance;
     let chosen = if limits.equidistant {
-        equidistant(&knots, exact, sampling.tolerance, limits, &equal, &error)?
-    } else if exact {
+        equidistant(&knots, exact, tolerance, limits, &equal, &error)?
+    } else if exact && knots.len() <= limits.points {
         knots
     } else {
-        thinned(&dense, &curves, 0.9 * sampling.tolerance)
+        apart(thinned(&dense, &curves, 0.9 * tolerance))
     };
-    check_count(chosen.len(), limits, || error(&equal(limits.points - 1)))?;
+    if chosen.len() > limits.points {
+        let most = equal(limits.points - 1);
+        let reached = error(&most);
+        check_count(if reached <= tolerance { most.len() } else { chosen.len() }, limits, || reached)?;
+        return Ok((most, reached));
+    }
     let reached = error(&chosen);
+    if reached > tolerance {
+        let (format, decimals) = (limits.format, limits.decimals);
+        return Err(ExportError::Jump {
+            axis: motions.axis.name,
+            format,
+            decimals,
+            reached_um: reached * 1e3,
+        });
+    }
     Ok((chosen, reached))
 }
 

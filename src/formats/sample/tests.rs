@@ -3,7 +3,8 @@ use proptest::prelude::*;
 use volcomp_model::Chain;
 use volcomp_model::curve::{Chebyshev, Fourier, Table};
 
-const ONE_AXIS: Limits = Limits { format: "test", equidistant: false, points: 256, two_directions: true };
+const ONE_AXIS: Limits =
+    Limits { format: "test", equidistant: false, points: 256, two_directions: true, decimals: 4 };
 
 fn spec(chain: &str, errors: &[(&str, Curve)]) -> ModelSpec {
     let mut spec = ModelSpec::new("m", Chain::parse(chain).unwrap());
@@ -114,6 +115,33 @@ fn too_many_points_say_what_can_be_had() {
     assert_eq!(sample_axis(&motions, &[Component::X], &step, &ONE_AXIS).unwrap().positions[34], 1000.0);
     let bad = Sampling { step: Some(0.0), ..Sampling::default() };
     assert!(matches!(sample_axis(&motions, &[Component::X], &bad, &ONE_AXIS), Err(ExportError::Step { .. })));
+}
+
+#[test]
+fn positions_that_print_alike_are_one_and_only_the_terms_of_the_table_ask_for_them() {
+    let beside = (0..400).map(f64::from).collect::<Vec<_>>();
+    let mut spec = spec(
+        "[w b X t]",
+        &[
+            ("exx", table(&[0.0, 399.99999999999994, 500.0], &[0.0, 1e-3, 2e-3], None)),
+            ("eax", table(&[0.0, 400.0, 500.0], &[0.0, 1e-3, 2e-3], None)),
+            ("ebx", table(&beside, &vec![1e-3; 400], None)),
+        ],
+    );
+    let motions = Motions::new(&spec, AxisName::X, false).unwrap();
+    let of = |components: &[Component]| {
+        sample_axis(&motions, components, &Sampling::default(), &ONE_AXIS).map(|t| t.positions)
+    };
+    assert_eq!(of(&[Component::X, Component::A]).unwrap(), [0.0, 399.99999999999994, 500.0]);
+    assert_eq!(of(&[Component::X]).unwrap().len(), 3);
+    // more points than the format holds, on a straight line
+    assert_eq!(of(&[Component::B]).unwrap(), [0.0, 500.0]);
+    // a step between two such positions is no rounding
+    spec.errors[0].1 =
+        ErrorFunction::single(table(&[0.0, 400.0, 400.00001, 500.0], &[0.0, 0.0, 1e-3, 1e-3], None));
+    let motions = Motions::new(&spec, AxisName::X, false).unwrap();
+    let e = sample_axis(&motions, &[Component::X], &Sampling::default(), &ONE_AXIS).unwrap_err();
+    assert!(matches!(e, ExportError::Jump { decimals: 4, reached_um, .. } if reached_um > 0.9), "{e}");
 }
 
 proptest! {

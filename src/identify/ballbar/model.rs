@@ -162,7 +162,8 @@ fn positioning(
 }
 
 /// Scale error of an axis: half the mismatch, and the mean from the radius where the instrument's length is known so well that a scale
-/// differs from zero. What one axis gets the other one gets, too, so that the circles stay what they are.
+/// differs from zero; without the mean only a significant mismatch. What one axis gets the other one gets, too, so that the circles
+/// stay what they are.
 fn scale(a: &Analysis, index: usize, length_std: Option<f64>) -> Option<Weighed> {
     let mismatch = a.value(Effect::ScaleMismatch, None)?;
     let (mean, mean_std) = match (length_std, a.radius_deviation.first()) {
@@ -172,7 +173,8 @@ fn scale(a: &Analysis, index: usize, length_std: Option<f64>) -> Option<Weighed>
     let halves = [0.5, -0.5].map(|sign| Weighed { value: sign * mismatch.value, std: 0.5 * mismatch.std });
     let full = halves.map(|w| Weighed { value: mean + w.value, std: mean_std.hypot(w.std) });
     let differs = |both: &[Weighed; 2]| both.iter().any(|w| w.value.abs() > 2.0 * w.std);
-    [full, halves].into_iter().find(differs).map(|both| both[index])
+    let halves = significant(a, Effect::ScaleMismatch).then_some(halves);
+    Some(full).filter(|_| length_std.is_some()).filter(differs).or(halves).map(|both| both[index])
 }
 
 fn lost_motion(a: &Analysis, index: usize, end: End) -> Option<Weighed> {

@@ -70,13 +70,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         focal-mm = {{ psd1 = {f1}, psd2 = {f2}, psd3 = {f3} }}\nbeam-1-mm = [{y1}, {z1}]\nbeam-2-mm = [{y2}, {z2}]\n"
     );
     let letter = args.axis.lower();
-    write(&args.out, "head.toml", &head)?;
+    write(&args.out, "fivedof-head.toml", &head)?;
     write(&args.out, &format!("fivedof-rest-{letter}.csv"), &rest_csv(args.axis, &rest))?;
     write(&args.out, &format!("fivedof-{letter}.csv"), &run_csv(args.axis, &rows))?;
     let (chain, folder) = (machine.chain().text(), args.out.display());
     let [x, y, z] = args.point_mm;
     say!(
-        "volcomp identify fivedof --axis {letter} --calibration {folder}/head.toml --resting {folder}/fivedof-rest-{letter}.csv --data {folder}/fivedof-{letter}.csv --chain \"{chain}\" --sense {} --body {} --point-mm {x},{y},{z} --out model.toml",
+        "volcomp identify fivedof --axis {letter} --calibration {folder}/fivedof-head.toml --resting {folder}/fivedof-rest-{letter}.csv --data {folder}/fivedof-{letter}.csv --chain \"{chain}\" --sense {} --body {} --point-mm {x},{y},{z} --out model.toml",
         args.mount.sense(),
         args.mount.body(&machine, args.axis)
     );

@@ -6,10 +6,10 @@ mod trend;
 use super::circular::{assessed, keys};
 use super::{Output, page};
 use crate::evaluate::picture::circular::{self as drawing, Shown};
-use crate::identify::ballbar::report::{as_json, print};
-use crate::identify::ballbar::{Plan, SetUp, reading};
+use crate::identify::ballbar::report::{Circle, as_json, circles, print};
+use crate::identify::ballbar::{Plan, SetUp};
 use crate::prelude::*;
-use volcomp_evaluate::{CircularReading, CircularUncertainties, Circularity};
+use volcomp_evaluate::CircularUncertainties;
 use volcomp_formats::columns::day;
 use volcomp_identify::ballbar::Plane;
 
@@ -68,13 +68,6 @@ struct Test {
     circles: Vec<Circle>,
 }
 
-/// Circular errors at one feed.
-struct Circle {
-    feed: Option<f64>,
-    readings: Vec<CircularReading>,
-    result: Circularity,
-}
-
 impl Test {
     fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self> {
         let plan = Plan::read(&args.setup, args.plane, path, None)?;
@@ -87,22 +80,6 @@ impl Test {
     fn slowest(&self) -> &Circle {
         &self.circles[0]
     }
-}
-
-/// The circles of a test by their feeds; an arc, which cannot be centred, about the centre that the causes were fitted with.
-fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::CircularError> {
-    let mut feeds: Vec<Option<f64>> = plan.circles.samples.iter().map(|s| s.feed).collect();
-    feeds.sort_by(|a, b| a.unwrap_or(0.0).total_cmp(&b.unwrap_or(0.0)));
-    feeds.dedup();
-    let offset = plan.analysis.offset.map(|(v, _)| v);
-    let one = |feed: Option<f64>| {
-        let samples = plan.circles.samples.iter().filter(|s| s.feed == feed);
-        let readings: Vec<CircularReading> = samples.map(reading).collect();
-        let result = Circularity::about(&readings, plan.circles.radius, offset)?;
-        // mm/s in the analysis, mm/min for people, without the rounding of the way there and back
-        Ok(Circle { feed: feed.map(|f| (60e6 * f).round() / 1e6), readings, result })
-    };
-    feeds.into_iter().map(one).collect()
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -140,7 +117,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
         || (json_of(&tests), None),
         || {
             print(&newest.plan);
-            page::figures("um", &judged.figures, None).print();
+            for (i, circle) in newest.circles.iter().enumerate() {
+                let others = (i > 0).then(|| unjudged(circle));
+                say!("circular errors{}", circle.at_feed());
+                page::figures("um", others.as_deref().unwrap_or(&judged.figures), None).print();
+            }
             if tests.len() > 1 {
                 let trend = trend::Trend::of(&tests);
                 say!("trend over {}", trend.labels.join(", "));
@@ -148,6 +129,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
             }
         },
     )
+}
+
+/// The figures of a circle that is held against no tolerance.
+fn unjudged(circle: &Circle) -> Vec<Assessed> {
+    assessed(&Acceptance::default(), &circle.result, CircularUncertainties::default())
 }
 
 /// The polar plot of a circle.

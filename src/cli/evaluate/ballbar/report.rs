@@ -1,10 +1,10 @@
 //! The page of a ballbar test: head, polar plot, causes by rank with remedy, trend.
 
 use super::trend::Trend;
-use super::{Test, shown};
+use super::{Test, shown, unjudged};
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
-use crate::identify::ballbar::report::{note_text, reason_text, roundness, unit_of, with_limits};
+use crate::identify::ballbar::report::{COVERAGE, note_text, reason_text, unit_of, with_limits};
 use crate::prelude::*;
 use crate::report_page::{Plot, Style};
 use volcomp_identify::ballbar::{Effect, Estimate, Feature, Plane};
@@ -57,10 +57,11 @@ pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_state
         let (name, share) = (named(largest.effect, plane).0, 100.0 * largest.share);
         page.lead(format_args!("Largest cause: {name}, {share:.0} % of what the causes add to the circle."));
     }
-    let at_feed =
-        circles.first().and_then(|c| c.feed).map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
-    page.heading(format_args!("Circular errors{at_feed}"));
-    page::figures("µm", &judged.figures, None).put(&mut page);
+    for (i, circle) in circles.iter().enumerate() {
+        page.heading(format_args!("Circular errors{}", circle.at_feed()));
+        let others = (i > 0).then(|| unjudged(circle));
+        page::figures("µm", others.as_deref().unwrap_or(&judged.figures), None).put(&mut page);
+    }
     let drawn: Vec<_> = match &circles[..] {
         [first, .., last] => vec![first, last],
         all => all.iter().collect(),
@@ -69,8 +70,7 @@ pub(super) fn page(title: &str, judged: &Judged, tests: &[Test], is_centre_state
     let scale = drawing::scale(&all);
     let mut plots = Vec::new();
     for (circle, one) in drawn.iter().zip(&all) {
-        let feed = circle.feed.map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
-        plots.push((format!("Polar plot{feed}"), drawing::single(one, scale)?));
+        plots.push((format!("Polar plot{}", circle.at_feed()), drawing::single(one, scale)?));
     }
     let caption = "Radial errors about the common centre, magnified; the heavy circle is the nominal path.";
     page.plots(&plots, caption);
@@ -107,11 +107,10 @@ fn causes(page: &mut Page, test: &Test) {
     if !small.is_empty() {
         page.note(format_args!("Not significant (99.9 %): {small}."));
     }
-    let round = roundness(&test.plan);
-    if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {
-        let [all, rest] = [all, rest].map(|c| um_from_mm(c.widest()));
+    for circle in &test.circles {
+        let (at, all, rest) = (circle.at_feed(), um_from_mm(circle.result.widest()), circle.unexplained());
         page.paragraph(format_args!(
-            "Circular error of all readings {all:.2} µm; {rest:.2} µm of the residuals, which no cause explains."
+            "Circular error{at} {all:.2} µm; {rest} µm of the residuals, which no cause explains."
         ));
     }
     for (one, other, c) in a.confounded() {
@@ -130,16 +129,15 @@ fn causes(page: &mut Page, test: &Test) {
 
 fn trend(page: &mut Page, trend: &Trend) {
     page.sheet("Trend");
-    let points = |c: &super::trend::Course| -> Vec<(f64, f64)> {
-        trend.at.iter().zip(&c.values).filter_map(|(t, v)| v.map(|(v, _)| (*t, v))).collect()
-    };
     let plot = |c: &super::trend::Course| {
         let (name, unit) = c.name.rsplit_once(", ").unwrap_or((&c.name, ""));
-        Plot::new(name, &trend.axis, unit)
-            .with(Style::Line, "", points(c))
-            .with(Style::Dots, "test", points(c))
-            // a scale from zero: noise of a constant is no trend
-            .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
+        let known = || trend.at.iter().zip(&c.values).filter_map(|(t, v)| v.map(|(v, std)| (*t, v, std)));
+        let points: Vec<(f64, f64)> = known().map(|(t, v, _)| (t, v)).collect();
+        let limits = known().filter_map(|(t, v, std)| Some((t, v, COVERAGE * std?)));
+        let limits: Vec<(f64, f64)> = limits.flat_map(|(t, v, u)| [(t, v - u), (t, v + u)]).collect();
+        let plot = Plot::new(name, &trend.axis, unit).with(Style::Discs, "test", points.clone());
+        let plot = if limits.is_empty() { plot } else { plot.with(Style::Limits, "U (k = 2)", limits) };
+        plot.with(Style::Reference, "", points)
     };
     page.charts(&trend.courses.iter().take(1 + COURSES).map(plot).collect::<Vec<_>>());
     trend.table().put(page);

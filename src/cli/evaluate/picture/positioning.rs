@@ -10,7 +10,8 @@ use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
 pub(in crate::evaluate) const HEIGHT: u32 = 370;
 /// Height of one of two plots that share a sheet.
 pub(in crate::evaluate) const HALF_HEIGHT: u32 = 285;
-const LEGEND: u32 = 30;
+/// Height of the legend.
+pub(in crate::evaluate) const LEGEND: u32 = 30;
 /// Room at the right for the ranges, pixels.
 const RANGES: u32 = 164;
 
@@ -187,7 +188,8 @@ fn bracket(area: &Area<'_>, x: i32, from: i32, to: i32) -> Drawn {
     Ok(())
 }
 
-fn draw_legend(area: &Area<'_>, result: &Positioning) -> Drawn {
+/// Colours and marks in words, below the axes.
+pub(in crate::evaluate) fn draw_legend(area: &Area<'_>, result: &Positioning) -> Drawn {
     let keys = [
         result.forward.map(|_| Key::line(BLUE, 3, "forward, mean")),
         result.backward.map(|_| Key::line(VERMILLION, 3, "backward, mean")),

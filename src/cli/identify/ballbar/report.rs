@@ -2,25 +2,60 @@
 
 use super::{Plan, reading};
 use crate::prelude::*;
+use volcomp_evaluate::circular::CircularError;
 use volcomp_evaluate::{CircularReading, Circularity};
 use volcomp_identify::ballbar::{
     Effect, End, Estimate, Feature, Harmonic, LengthChange, Note, Plane, Reason, Sample,
 };
 
-/// Circularity by ISO 230-4 of the readings and of what no effect explains.
-pub(crate) struct Roundness {
-    pub(crate) measured: Option<Circularity>,
-    pub(crate) residual: Option<Circularity>,
+/// Circular errors at one feed, ISO 230-4: of the readings, and of what no effect explains.
+pub(crate) struct Circle {
+    /// Path speed in mm/min, where stated.
+    pub(crate) feed: Option<f64>,
+    pub(crate) readings: Vec<CircularReading>,
+    pub(crate) result: Circularity,
+    residual: Option<Circularity>,
 }
 
-pub(crate) fn roundness(plan: &Plan) -> Roundness {
-    let evaluate = |samples: &[Sample], offset: [f64; 2]| {
+impl Circle {
+    /// ` at 1000 mm/min`; nothing where the feed is not stated.
+    pub(crate) fn at_feed(&self) -> String {
+        self.feed.map_or_else(String::new, |f| format!(" at {f:.0} mm/min"))
+    }
+
+    /// Circular error of what no effect explains, um, as text.
+    pub(crate) fn unexplained(&self) -> String {
+        or_dash(self.residual.as_ref().map(|c| um_from_mm(c.widest())), 2)
+    }
+}
+
+/// The circles of a test by their feeds, slowest first, about the centre that the causes were fitted with: an arc cannot be centred.
+pub(crate) fn circles(plan: &Plan) -> Result<Vec<Circle>, CircularError> {
+    let mut feeds: Vec<Option<f64>> = plan.circles.samples.iter().map(|s| s.feed).collect();
+    feeds.sort_by(|a, b| a.unwrap_or(0.0).total_cmp(&b.unwrap_or(0.0)));
+    feeds.dedup();
+    let offset = plan.analysis.offset.map(|(v, _)| v);
+    let one = |feed: Option<f64>| {
+        let of = |samples: &[Sample]| -> Vec<CircularReading> {
+            samples.iter().filter(|s| s.feed == feed).map(reading).collect()
+        };
+        let (readings, left) = (of(&plan.circles.samples), of(&plan.analysis.residuals));
+        let result = Circularity::about(&readings, plan.circles.radius, offset)?;
+        let residual = Circularity::about(&left, plan.circles.radius, [0.0; 2]).ok();
+        // mm/s in the analysis, mm/min for people, without the rounding of the way there and back
+        Ok(Circle { feed: feed.map(|f| (60e6 * f).round() / 1e6), readings, result, residual })
+    };
+    feeds.into_iter().map(one).collect()
+}
+
+/// Circularity of all readings together, whatever their feeds, and of what no effect explains.
+fn pooled(plan: &Plan) -> [Option<Circularity>; 2] {
+    let of = |samples: &[Sample], offset: [f64; 2]| {
         let readings: Vec<CircularReading> = samples.iter().map(reading).collect();
         Circularity::about(&readings, plan.circles.radius, offset).ok()
     };
     let offset = plan.analysis.offset.map(|(v, _)| v);
-    let measured = evaluate(&plan.circles.samples, offset);
-    Roundness { measured, residual: evaluate(&plan.analysis.residuals, [0.0; 2]) }
+    [of(&plan.circles.samples, offset), of(&plan.analysis.residuals, [0.0; 2])]
 }
 
 pub(crate) fn note_text(note: &Note) -> String {
@@ -72,15 +107,24 @@ pub(crate) fn reason_text(reason: &Reason, plane: Plane) -> String {
 
 /// One plane for machines.
 pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
-    let (a, um, round) = (&plan.analysis, um_from_mm, roundness(plan));
-    let g = |f: fn(&Circularity) -> Option<f64>| round.measured.as_ref().and_then(f).map(um);
+    let (a, um, [measured, residual]) = (&plan.analysis, um_from_mm, pooled(plan));
+    let g = |f: fn(&Circularity) -> Option<f64>| measured.as_ref().and_then(f).map(um);
+    let circle = |c: &Circle| {
+        json!({
+            "feed_mm_per_min": c.feed,
+            "circularity_um": um(c.result.widest()),
+            "circularity_fwd_um": c.result.g_forward.map(um),
+            "circularity_bwd_um": c.result.g_backward.map(um),
+            "residual_circularity_um": c.residual.as_ref().map(|c| um(c.widest())),
+        })
+    };
     let name = |e: Effect| e.name(a.plane);
     let mut all = json!({});
     let own = a.estimates.iter().flat_map(|e| a.features(e));
     for f in own.chain(a.scale_features(length_std_um.map(mm_from_um))) {
         all[f.name] = json!({"value": f.value, "std": f.std, "dt": f.unit, "unit": f.unit_in_words()});
     }
-    if let Some(c) = &round.measured {
+    if let Some(c) = &measured {
         all["AF_CIRCULARITY"] = json!({"value": um(c.widest()), "dt": "UT_LENGTH_UM", "unit": "um"});
     }
     let confounded = |e: &Estimate| -> Value {
@@ -109,10 +153,11 @@ pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
         "centre_um": a.offset.map(|(v, _)| um(v)),
         "centre_std_um": a.offset.map(|(_, s)| um(s)),
         "radius_deviation": a.radius_deviation.iter().map(radius).collect::<Vec<_>>(),
-        "circularity_um": round.measured.as_ref().map(|c| um(c.widest())),
+        "circles": circles(plan).unwrap_or_default().iter().map(circle).collect::<Vec<_>>(),
+        "circularity_um": measured.as_ref().map(|c| um(c.widest())),
         "circularity_fwd_um": g(|c| c.g_forward),
         "circularity_bwd_um": g(|c| c.g_backward),
-        "residual_circularity_um": round.residual.as_ref().map(|c| um(c.widest())),
+        "residual_circularity_um": residual.as_ref().map(|c| um(c.widest())),
         "residual_rms_um": um(a.sigma),
         "length_change": a.length_change.map(|c| json!({
             "value_um": um(c.value),
@@ -133,15 +178,15 @@ pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
 
 /// One plane for people.
 pub(crate) fn print(plan: &Plan) {
-    let (a, um, round) = (&plan.analysis, um_from_mm, roundness(plan));
+    let (a, um) = (&plan.analysis, um_from_mm);
     let name = |e: Effect| e.name(a.plane);
     say!("plane {}, radius {} mm: {}", a.plane, a.radius, counted(plan.circles.samples.len(), "reading"));
-    if let Some(c) = &round.measured {
-        let [all, left, right, residual] =
-            [Some(c.widest()), c.g_forward, c.g_backward, round.residual.as_ref().map(Circularity::widest)]
-                .map(|v| or_dash(v.map(um), 2));
+    for c in circles(plan).unwrap_or_default() {
+        let (at, unexplained, g) = (c.at_feed(), c.unexplained(), &c.result);
+        let [both, left, right] =
+            [Some(g.widest()), g.g_forward, g.g_backward].map(|v| or_dash(v.map(um), 2));
         say!(
-            "bidirectional circular error G(b) {all} µm (G counter-clockwise {left}, clockwise {right}); {residual} µm without the effects below"
+            "bidirectional circular error G(b){at} {both} µm (G counter-clockwise {left}, clockwise {right}); {unexplained} µm without the effects below"
         );
     }
     let [x, y] = a.offset.map(|(v, std)| with_limits(um(v), um(std)));

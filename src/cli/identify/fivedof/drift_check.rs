@@ -68,9 +68,8 @@ impl DriftCheck {
         say!("standard deviation over {} runs, {what}", self.runs);
         say!("{:<14}{:>22}{:>22}{:>22}", "", "drift compensated", "not compensated", "half of d theta");
         for Row { error, unit, on, off, printed_factor } in &self.std {
-            let unit = if *unit == "um" { "µm" } else { unit };
             let [on, off, half] = [on, off, printed_factor].map(|s| format!("{:.2} / {:.2}", s.max, s.mean));
-            say!("{:<14}{on:>22}{off:>22}{half:>22}", format!("{error} {unit}"));
+            say_text!("{:<14}{on:>22}{off:>22}{half:>22}", format!("{error} {unit}"));
         }
     }
 }

@@ -97,7 +97,7 @@ impl Method for Args {
             for (i, component) in Component::ALL.into_iter().skip(1).enumerate() {
                 let Units { value: unit, of_value, .. } = Units::of_component(component);
                 let [a, b] = [found.motion[i], without.motion[i]].map(of_value);
-                say!("{}{a:>12.3} {unit:<7} (without drift compensation {b:.3})", names[i]);
+                say_text!("{}{a:>12.3} {unit:<7} (without drift compensation {b:.3})", names[i]);
             }
         }))
     }
@@ -263,7 +263,7 @@ impl Found for Outcome<'_> {
             let Units { value: unit, of_value, .. } = Units::of(symbol);
             let [low, high] = hull(m.readings.iter().map(|r| of_value(r.value)));
             let (range, std) = (high - low, or_dash(m.std.map(of_value), 3));
-            say!("{symbol:<8}{range:>10.2} {unit:<7}{std:>12} {unit}");
+            say_text!("{symbol:<8}{range:>10.2} {unit:<7}{std:>12} {unit}");
         }
         say!();
         say!("largest pointing drift removed: {:.2} arcsec", arcsec_from_rad(self.drift));

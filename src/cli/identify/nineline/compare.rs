@@ -23,7 +23,7 @@ pub(super) fn print(c: &Comparison, axis: AxisName) {
         let [rms, largest, here, there] =
             [Some(c.rms[i]), Some(c.largest[i]), Some(c.std_here[i]), c.std_there[i]]
                 .map(|v| or_dash(v.map(units.of_value), 3));
-        say!("{symbol:<8}{rms:>12}{largest:>12}{here:>16}{there:>16}  {}", units.value);
+        say_text!("{symbol:<8}{rms:>12}{largest:>12}{here:>16}{there:>16}  {}", units.value);
     }
     say!("ex ey ez compare only where both files state them at the same reference point");
 }

@@ -78,7 +78,7 @@ fn json_of(found: &NineLine, stated: bool) -> Value {
 fn print(found: &NineLine) {
     for c in Component::ALL {
         let units = Units::of_component(c);
-        say!("E{}{:>14.4}  {}", c.letter(), (units.of_value)(found.motion[c.index()]), units.value);
+        say_text!("E{}{:>14.4}  {}", c.letter(), (units.of_value)(found.motion[c.index()]), units.value);
     }
     say!("condition {:.1}, {} degrees of freedom", found.condition_scaled, found.dof);
 }

@@ -299,7 +299,7 @@ fn print(fit: &RamFit) {
     for c in Component::ALL {
         let units = Units::of_component(c);
         let [value, std] = [fit.motion[c.index()], std(fit, c)].map(units.of_value);
-        say!("E{}{value:>14.4} +- {std:.4} {} (k=1)", c.letter(), units.value);
+        say_text!("E{}{value:>14.4} +- {std:.4} {} (k=1)", c.letter(), units.value);
     }
     let RamFit { rank, chi2, dof, p_value, .. } = fit;
     say!("rank {rank} of 6; chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}");

@@ -154,7 +154,7 @@ impl Found for Outcome<'_> {
             if let Some((_, line)) = lines.iter().find(|(rule, _)| *rule == self.args.out.rule) {
                 row.push_str(&format!("{:>9.2} arcsec", arcsec_from_rad(line.slope)));
             }
-            say!("{row}");
+            say_text!("{row}");
         }
     }
 

@@ -236,7 +236,7 @@ fn print(pose: &PoseErrors) {
     for c in Component::ALL {
         let (i, units) = (c.index(), Units::of_component(c));
         let [linear, std, rigid] = [pose.motion[i], std(pose, c), pose.rigid[i]].map(units.of_value);
-        say!("E{:<5}{linear:>14.4}{std:>12.4}{rigid:>14.4}  {}", c.letter(), units.value);
+        say_text!("E{:<5}{linear:>14.4}{std:>12.4}{rigid:>14.4}  {}", c.letter(), units.value);
     }
     let PoseErrors { chi2, dof, p_value, geometry, .. } = pose;
     let Geometry { condition_scaled, condition_centroid, .. } = geometry;

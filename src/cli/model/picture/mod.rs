@@ -26,7 +26,7 @@ pub(super) fn axis(spec: &ModelSpec, name: AxisName) -> Svg {
     svg(AXIS_HEIGHT, |area| panel::draw_axis(area, spec, name))
 }
 
-/// The distorted volume; `None` where no linear axis X, Y, Z has a travel.
+/// The distorted volume; `None` where fewer than two of X, Y, Z have a travel.
 ///
 /// # Errors
 /// The drawing library could not draw it.
@@ -92,11 +92,11 @@ mod tests {
             let model = Model::new(&spec).unwrap();
             assert!(whole(&spec, &model).unwrap().starts_with("<svg"), "{chain}");
         }
-        assert!(
-            distorted(&spec("[w C' b (S) t]"), &Model::new(&spec("[w C' b (S) t]")).unwrap())
-                .unwrap()
-                .is_none()
-        );
+        // one axis makes no volume
+        for chain in ["[w C' b (S) t]", "[w b X t]"] {
+            let spec = spec(chain);
+            assert!(distorted(&spec, &Model::new(&spec).unwrap()).unwrap().is_none(), "{chain}");
+        }
     }
 
     #[test]

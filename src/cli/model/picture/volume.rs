@@ -15,9 +15,9 @@ const POINTS: usize = 48;
 const ARROW: f64 = 36.0;
 const NOMINAL: RGBColor = RGBColor(165, 165, 165);
 
-/// True where there is a volume, an area or a line to draw.
+/// True where there is a volume or an area to draw: of one axis alone the curves say all.
 pub(super) fn exists(spec: &ModelSpec) -> bool {
-    !wireframe::edges(spec).is_empty()
+    wireframe::edges(spec).iter().filter(|e| e.range[0] < e.range[1]).count() > 1
 }
 
 pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
@@ -29,8 +29,7 @@ pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
 
     let home = if rotary { ", rotary axes at home" } else { "" };
     let title = format!(
-        "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, largest on the grid {:.1} µm{home}",
-        um_from_mm(largest)
+        "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, travel towards plus{home}"
     );
     words(area, &title, (14, 12), 18)?;
     for wire in wires.iter().filter(|w| w.front) {
@@ -44,7 +43,7 @@ pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
     }
     draw_largest(area, &view, all().copied(), magnification)?;
     draw_axes(area, &view, spec, &edges)?;
-    draw_legend(area)
+    draw_legend(area, um_from_mm(largest))
 }
 
 /// Where the deviation is largest: an arrow from the nominal to the magnified actual place.
@@ -99,12 +98,14 @@ fn draw_axes(area: &Area<'_>, view: &View, spec: &ModelSpec, edges: &[Edge]) -> 
     Ok(())
 }
 
-fn draw_legend(area: &Area<'_>) -> Drawn {
+fn draw_legend(area: &Area<'_>, largest_um: f64) -> Drawn {
     let y = VOLUME_HEIGHT as i32 - 20;
+    // not the largest of the model: other poses and directions of travel are not drawn
+    let largest = format!("largest deviation on these lines, {largest_um:.1} µm");
     let entries = [
         (20, NOMINAL, "nominal"),
         (130, BLUE, "actual, deviations magnified"),
-        (370, VERMILLION, "largest deviation"),
+        (370, VERMILLION, largest.as_str()),
     ];
     for (x, colour, label) in entries {
         legend(area, &[Key::line(colour, 3, label)], x, y)?;
