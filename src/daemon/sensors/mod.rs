@@ -2,7 +2,8 @@
 //!
 //! - [`listener`]: connections of sensors, on the service's event loop; bytes become readings ([`wire`]).
 //! - [`worker`]: the estimator thread. Positions come from the cycle, readings from the listener; finished tables go to
-//!   the cycle, health to the status, what was learned to the disk ([`checkpoint`]).
+//!   the cycle, health to the status, what was learned to the disk ([`checkpoint`], written by [`map_writer`]).
+//! - [`follower`]: positions of frames in the order and units of the estimator.
 //! - [`configured`]: what each sensor is to say, for answers on the link.
 //! - [`lock_step`]: the estimator's time, and a cycle that waits for it where the control is simulated.
 //! - [`cycle_end`]: what the cycle does for it: a copy into a queue, and the evaluation of a table.
@@ -11,8 +12,10 @@
 mod checkpoint;
 mod configured;
 mod cycle_end;
+mod follower;
 mod listener;
 mod lock_step;
+mod map_writer;
 mod wire;
 mod worker;
 
@@ -25,10 +28,12 @@ pub use lock_step::EstimatorLockStep;
 use wire::Heard;
 
 pub(super) use listener::Listener;
-pub(super) use worker::{Sensors, Start};
+pub(super) use worker::{Forgotten, Sensors, Start};
 
+use core::fmt;
 use std::time::SystemTime;
 
+use volcomp_engine::fault::Code;
 use volcomp_estimate::live::{LiveEstimator, Reading};
 use volcomp_units::MonoTime;
 
@@ -40,6 +45,32 @@ pub(super) struct Arrived {
     /// Name of the sensor.
     sensor: String,
     reading: Reading,
+}
+
+/// What should be known about live estimation, with its number where something is wrong.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Note {
+    code: Option<Code>,
+    text: String,
+}
+
+impl Note {
+    fn plain(text: impl Into<String>) -> Self {
+        Self { code: None, text: text.into() }
+    }
+
+    fn numbered(code: Code, text: impl Into<String>) -> Self {
+        Self { code: Some(code), text: text.into() }
+    }
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(code) = self.code {
+            write!(f, "{code}: ")?;
+        }
+        f.write_str(&self.text)
+    }
 }
 
 /// What would be heard of bytes that arrive in these pieces: each message, or what is wrong with it, in words. Nothing
