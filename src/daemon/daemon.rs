@@ -281,9 +281,9 @@ async fn live(
     })
     .map_err(|source| DaemonError::System { what: "the estimator's thread", source })?;
     let Some(address) = config.listen else { return Ok((Some(sensors), None)) };
-    let (readings, dropped) = (sensors.readings.clone(), Arc::clone(&sensors.dropped));
+    let (readings, lost) = (sensors.readings.clone(), Arc::clone(&sensors.lost));
     let (known, idle) = (Arc::clone(&sensors.known), Duration::from_secs_f64(config.idle_s));
-    let listener = Listener::bind(address, readings, dropped, known, (clock, time), idle)
+    let listener = Listener::bind(address, readings, lost, known, (clock, time), idle)
         .await
         .map_err(|source| DaemonError::Listen { key: "sensors.listen", address, source })?;
     if config.plain_remote && !is_this_computer(address.ip()) {

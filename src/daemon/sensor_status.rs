@@ -150,6 +150,9 @@ pub struct FilterStatus {
     pub notes: Vec<String>,
     /// Readings that found the estimator's queue full.
     pub dropped: u64,
+    /// Messages that were answered with an error.
+    #[serde(default)]
+    pub refused: u64,
     /// What is wrong for as long as it lasts, by number; the notes have it, too.
     #[serde(skip)]
     pub lasting: Vec<(fault::Code, String)>,

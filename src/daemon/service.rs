@@ -374,7 +374,7 @@ impl Service {
             status.maps = health.maps.iter().map(MapStatus::brief).collect();
             (status.sensors, status.growths) = (health.sensors, health.growths);
             status.sensor_notes = health.notes;
-            status.readings_dropped = health.dropped;
+            (status.readings_dropped, status.readings_refused) = (health.dropped, health.refused);
         }
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
         let now = self.clock.now();

@@ -89,7 +89,7 @@ pub(crate) struct Shop {
     /// Where the control's clock began.
     control_ns: i64,
     readings: u32,
-    tracker: bool,
+    pub(crate) tracker: bool,
     /// What the tracker is wrong by, um.
     bias_um: f64,
     /// What the laser along Y sees of the straightness, um, as a function of Y; `None`: it says nothing.

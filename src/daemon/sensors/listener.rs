@@ -5,7 +5,7 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ use tracing::{info, warn};
 
 use super::super::clock::Clock;
 use super::super::logging::LogLimiter;
-use super::Arrived;
+use super::{Arrived, Lost};
 use super::configured::ConfiguredSensor;
 use super::lock_step::EstimatorTime;
 use super::wire::{Heard, Said, Stream};
@@ -42,7 +42,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 #[derive(Debug, Clone)]
 struct Common {
     readings: Sender<Arrived>,
-    dropped: Arc<AtomicU64>,
+    lost: Arc<Lost>,
     known: Arc<[ConfiguredSensor]>,
     clock: Clock,
     time: EstimatorTime,
@@ -69,7 +69,7 @@ impl Listener {
     pub(crate) async fn bind(
         address: SocketAddr,
         readings: Sender<Arrived>,
-        dropped: Arc<AtomicU64>,
+        lost: Arc<Lost>,
         known: Arc<[ConfiguredSensor]>,
         (clock, time): (Clock, EstimatorTime),
         idle: Duration,
@@ -78,7 +78,7 @@ impl Listener {
         info!(%address, "sensors connect here");
         let limiter = || Arc::new(Mutex::new(LogLimiter::new(LINES, LINES_PAUSE)));
         let (connections, mistakes) = (limiter(), limiter());
-        let common = Common { readings, dropped, known, clock, time, idle, connections, mistakes };
+        let common = Common { readings, lost, known, clock, time, idle, connections, mistakes };
         Ok(Self { listener, common })
     }
 
@@ -186,13 +186,14 @@ impl Connection<'_> {
         // one of another kind is passed on, too: the status names the sensor that says it
         let objection = known.objection(&reading);
         if self.common.readings.try_send(Arrived { now, sensor, reading }).is_err() {
-            self.common.dropped.fetch_add(1, Relaxed);
+            self.common.lost.dropped.fetch_add(1, Relaxed);
         }
         objection
     }
 
-    /// Tells the sensor what is wrong, not too often.
+    /// Counts a message that is refused and tells the sensor what is wrong, not too often.
     async fn complain(&mut self, stream: &mut TcpStream, problem: &str) {
+        self.common.lost.refused.fetch_add(1, Relaxed);
         let (since, count) = &mut self.complaints;
         if since.elapsed() >= Duration::from_secs(1) {
             (*since, *count) = (Instant::now(), 0);

@@ -31,6 +31,7 @@ pub(super) use listener::Listener;
 pub(super) use worker::{Forgotten, Sensors, Start};
 
 use core::fmt;
+use std::sync::atomic::AtomicU64;
 use std::time::SystemTime;
 
 use volcomp_engine::fault::Code;
@@ -45,6 +46,15 @@ pub(super) struct Arrived {
     /// Name of the sensor.
     sensor: String,
     reading: Reading,
+}
+
+/// Messages that came to nothing, counted by the listener.
+#[derive(Debug, Default)]
+pub(super) struct Lost {
+    /// Readings that found the estimator's queue full.
+    pub(super) dropped: AtomicU64,
+    /// Messages that were answered with an error.
+    pub(super) refused: AtomicU64,
 }
 
 /// What should be known about live estimation, with its number where something is wrong.

@@ -1,7 +1,7 @@
 //! The estimator thread: beside the cycle, never in its way.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -15,7 +15,7 @@ use super::cycle_end::{EstimatorEnd, Motion};
 use super::follower::Follower;
 use super::lock_step::EstimatorTime;
 use super::map_writer::{Saving, Writer};
-use super::{Arrived, Note, checkpoint};
+use super::{Arrived, Lost, Note, checkpoint};
 use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
 use volcomp_engine::fault::Code;
@@ -87,7 +87,7 @@ pub(crate) struct Sensors {
     saving: Option<Saving>,
     warnings: Receiver<(Code, String)>,
     pub(crate) readings: Sender<Arrived>,
-    pub(crate) dropped: Arc<AtomicU64>,
+    pub(crate) lost: Arc<Lost>,
     pub(crate) known: Arc<[ConfiguredSensor]>,
 }
 
@@ -129,14 +129,14 @@ impl Sensors {
         let (end, ended) = bounded::<()>(1);
         let (warning_sender, warnings) = bounded(WARNINGS);
         let health = Arc::new(Mutex::new(FilterStatus::default()));
-        let dropped = Arc::new(AtomicU64::new(0));
+        let lost = Arc::<Lost>::default();
         let known: Arc<[ConfiguredSensor]> =
             start.config.spec.sensors.iter().map(ConfiguredSensor::new).collect();
         let shared = Shared {
             known: Arc::clone(&known),
             health: Arc::clone(&health),
             warnings: warning_sender,
-            dropped: Arc::clone(&dropped),
+            lost: Arc::clone(&lost),
         };
         let worker = Worker::new(start, order_receiver, reading_receiver, shared)?;
         let saving = worker.writer.as_ref().map(Writer::saving);
@@ -144,13 +144,14 @@ impl Sensors {
             let _end = end;
             worker.run();
         })?;
-        Ok(Self { orders, ended, health, saving, warnings, readings, dropped, known })
+        Ok(Self { orders, ended, health, saving, warnings, readings, lost, known })
     }
 
     /// How it goes.
     pub(crate) fn health(&self) -> FilterStatus {
         let mut health = self.lock_health().clone();
-        health.dropped = self.dropped.load(Relaxed);
+        health.dropped = self.lost.dropped.load(Relaxed);
+        health.refused = self.lost.refused.load(Relaxed);
         health
     }
 
@@ -203,7 +204,7 @@ struct Shared {
     known: Arc<[ConfiguredSensor]>,
     health: Arc<Mutex<FilterStatus>>,
     warnings: Sender<(Code, String)>,
-    dropped: Arc<AtomicU64>,
+    lost: Arc<Lost>,
 }
 
 impl Shared {
@@ -466,7 +467,7 @@ impl Worker {
     }
 
     fn log_overload(&mut self, now: MonoTime, left_out: bool) {
-        let dropped = self.shared.dropped.load(Relaxed);
+        let dropped = self.shared.lost.dropped.load(Relaxed);
         let left_out = left_out || dropped > self.overload.dropped;
         self.overload.dropped = dropped;
         match self.overload.since {
