@@ -4,7 +4,6 @@
 //! each, a few per second). Few connections, bounded messages; a full queue drops a reading and counts it.
 
 use std::io;
-use std::net::SocketAddr;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -19,10 +18,10 @@ use tracing::{info, warn};
 
 use super::super::clock::Clock;
 use super::super::logging::LogLimiter;
-use super::{Arrived, Lost};
 use super::configured::ConfiguredSensor;
 use super::lock_step::EstimatorTime;
 use super::wire::{Heard, Said, Stream};
+use super::{Arrived, Lost};
 use volcomp_units::MonoTime;
 
 /// Connections at the same time.
@@ -65,17 +64,14 @@ pub(crate) struct Listener {
 }
 
 impl Listener {
-    /// Binds `address`; needs the event loop. A connection that says nothing for `idle` is closed.
-    pub(crate) async fn bind(
-        address: SocketAddr,
-        readings: Sender<Arrived>,
-        lost: Arc<Lost>,
-        known: Arc<[ConfiguredSensor]>,
+    /// On a socket that is bound; needs the event loop. A connection that says nothing for `idle` is closed.
+    pub(crate) fn new(
+        socket: std::net::TcpListener,
+        (readings, lost, known): (Sender<Arrived>, Arc<Lost>, Arc<[ConfiguredSensor]>),
         (clock, time): (Clock, EstimatorTime),
         idle: Duration,
     ) -> io::Result<Self> {
-        let listener = TcpListener::bind(address).await?;
-        info!(%address, "sensors connect here");
+        let listener = TcpListener::from_std(socket)?;
         let limiter = || Arc::new(Mutex::new(LogLimiter::new(LINES, LINES_PAUSE)));
         let (connections, mistakes) = (limiter(), limiter());
         let common = Common { readings, lost, known, clock, time, idle, connections, mistakes };

@@ -28,6 +28,7 @@ pub use lock_step::EstimatorLockStep;
 use wire::Heard;
 
 pub(super) use listener::Listener;
+pub(super) use lock_step::EstimatorTime;
 pub(super) use worker::{Forgotten, Sensors, Start};
 
 use core::fmt;
