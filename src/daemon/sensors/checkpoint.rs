@@ -64,13 +64,14 @@ pub(super) fn text(
     Ok(text)
 }
 
-/// Puts back what was kept; gives what should be known about it.
+/// Puts back what was kept; gives what should be known about it. `is_behind`: the disk has not taken what was learned, or
+/// ordered forgotten, since.
 pub(super) fn restore(
     directory: &Path,
-    machine: &str,
-    model_hash: &str,
+    (machine, model_hash): (&str, &str),
     estimator: &mut LiveEstimator,
     now: SystemTime,
+    is_behind: bool,
 ) -> Option<Note> {
     let path = directory.join(FILE);
     let text = match read_regular(&path, BYTES_MAX) {
@@ -80,7 +81,12 @@ pub(super) fn restore(
             return Some(Note::plain(format!("{}: {e}; maps begin at the offline map", path.display())));
         }
     };
-    Some(match restore_text(&text, machine, model_hash, estimator, now) {
+    let restored = if is_behind {
+        Err(("the disk has not taken what came after it".to_owned(), "behind"))
+    } else {
+        restore_text(&text, machine, model_hash, estimator, now)
+    };
+    Some(match restored {
         Ok(note) => Note::plain(note),
         Err((why, word)) => {
             let kept = match set_aside(&RealDisk, &path, word) {
@@ -158,7 +164,7 @@ mod tests {
         let now = SystemTime::now();
         let hash = "abc";
         let mut it = estimator();
-        assert_eq!(restore(folder.path(), "m", hash, &mut it, now), None, "nothing there");
+        assert_eq!(restore(folder.path(), ("m", hash), &mut it, now, false), None, "nothing there");
         let mut kept = it.kept();
         kept[0].values[2] = (3e-6, 1e-6);
         assert!(it.restore(&kept, 0.0).is_empty());
@@ -168,12 +174,17 @@ mod tests {
         assert_eq!(writer.problem(), None);
         writer.finish(Some(text("m", hash, &it, now).unwrap()));
         let mut other = estimator();
-        let note = restore(folder.path(), "m", hash, &mut other, now).unwrap();
+        let note = restore(folder.path(), ("m", hash), &mut other, now, false).unwrap();
         assert!(note.code.is_none() && note.text.contains("continues"), "{note}");
         assert!((other.kept()[0].values[2].0 - 3e-6).abs() < 1e-15);
 
         let path = folder.path().join(FILE);
         let good = fs::read_to_string(&path).unwrap();
+        // a map that was forgotten since must not come back with a change of the model
+        let mut fresh = estimator();
+        let note = restore(folder.path(), ("m", hash), &mut fresh, now, true).unwrap();
+        assert!(note.text.contains("behind") && !path.exists(), "{note}");
+        assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0));
         // files of earlier versions have these keys
         let keys = ["maps", "growths", "name", "components", "nodes_mm", "values", "evidence"];
         assert!(keys.iter().all(|key| good.contains(&format!("\"{key}\":"))), "{good}");
@@ -187,7 +198,7 @@ mod tests {
         ] {
             fs::write(&path, &kept).unwrap();
             let mut fresh = estimator();
-            let note = restore(folder.path(), machine, model, &mut fresh, now).unwrap();
+            let note = restore(folder.path(), (machine, model), &mut fresh, now, false).unwrap();
             assert!(note.text.contains(words) && !path.exists(), "{words}: {note}");
             assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0));
         }
@@ -210,7 +221,7 @@ mod tests {
             // what a write that was cut off leaves beside it
             fs::write(folder.path().join("live.json.tmp"), &good).unwrap();
             let mut fresh = estimator();
-            let note = restore(folder.path(), "m", "abc", &mut fresh, now).unwrap();
+            let note = restore(folder.path(), ("m", "abc"), &mut fresh, now, false).unwrap();
             if bytes.len() + 1 == good.len() && k + 1 == good.len() {
                 // without its line feed it is whole
                 assert!(note.text.contains("continues"), "{note}");

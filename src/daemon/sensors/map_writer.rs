@@ -125,6 +125,12 @@ impl Writer {
         (slot.refused.0 > slot.saved).then(|| slot.refused.1.clone())
     }
 
+    /// Whether the file is older than what was handed over: nothing may be read back from it.
+    pub(super) fn is_behind(&self) -> bool {
+        let slot = self.shared.lock();
+        slot.saved < slot.asked
+    }
+
     /// The last text; then everything is written and the thread has ended.
     pub(super) fn finish(self, last: Option<Vec<u8>>) {
         if let Some(text) = last {
@@ -185,13 +191,14 @@ mod tests {
         let saving = writer.saving();
         let first = writer.write(b"{}".to_vec());
         assert!(writer.wait(LIMIT));
-        assert!(writer.problem().unwrap().contains(FILE));
+        assert!(writer.problem().unwrap().contains(FILE) && writer.is_behind());
         assert!(matches!(saving.saved(first), Saved::No(why) if why.contains(FILE)));
         fs::create_dir(&directory).unwrap();
         let second = writer.write(b"{}".to_vec());
         assert_eq!((first, second), (1, 2));
         assert!(writer.wait(LIMIT));
         assert_eq!((writer.problem(), saving.saved(second)), (None, Saved::Yes));
+        assert!(!writer.is_behind());
         // what came after it is on the disk
         assert_eq!(saving.saved(first), Saved::Yes);
         writer.finish(Some(b"{\"last\":1}".to_vec()));

@@ -2,13 +2,15 @@
 //!
 //! - [`listener`]: connections of sensors, on the service's event loop; bytes become readings ([`wire`]).
 //! - [`worker`]: the estimator thread. Positions come from the cycle, readings from the listener; finished tables go to
-//!   the cycle, health to the status, what was learned to the disk ([`checkpoint`], written by [`map_writer`]).
+//!   the cycle, health to the status, what was learned to the disk ([`checkpoint`], written by [`map_writer`]);
+//!   [`changes`] of maps go into the log.
 //! - [`follower`]: positions of frames in the order and units of the estimator.
 //! - [`configured`]: what each sensor is to say, for answers on the link.
 //! - [`lock_step`]: the estimator's time, and a cycle that waits for it where the control is simulated.
 //! - [`cycle_end`]: what the cycle does for it: a copy into a queue, and the evaluation of a table.
 //! - `crate::sensor_status`: health as the status tells it.
 
+mod changes;
 mod checkpoint;
 mod configured;
 mod cycle_end;

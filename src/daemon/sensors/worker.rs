@@ -10,6 +10,7 @@ use tracing::{info, warn};
 
 use super::super::models::Prepared;
 use super::super::recorder::HealthSlot;
+use super::changes::{log_map, log_thermal};
 use super::configured::ConfiguredSensor;
 use super::cycle_end::{EstimatorEnd, Motion};
 use super::follower::Follower;
@@ -200,7 +201,7 @@ impl Sensors {
 }
 
 /// What the service and the listener see, too.
-struct Shared {
+pub(super) struct Shared {
     known: Arc<[ConfiguredSensor]>,
     health: Arc<Mutex<FilterStatus>>,
     warnings: Sender<(Code, String)>,
@@ -209,7 +210,7 @@ struct Shared {
 
 impl Shared {
     /// Has a warning counted; a queue that is full costs the count, the log has it all the same.
-    fn count(&self, code: Code, about: impl Into<String>) {
+    pub(super) fn count(&self, code: Code, about: impl Into<String>) {
         let _ = self.warnings.try_send((code, about.into()));
     }
 }
@@ -295,14 +296,10 @@ impl Worker {
         match estimator(&self.start.config.spec, model) {
             Ok(mut estimator) => {
                 if let Some(directory) = &self.start.directory {
-                    let (machine, now) = (&self.start.machine, SystemTime::now());
-                    self.notes.extend(checkpoint::restore(
-                        directory,
-                        machine,
-                        &model.hash,
-                        &mut estimator,
-                        now,
-                    ));
+                    let of = (self.start.machine.as_str(), model.hash.as_str());
+                    let is_behind = self.writer.as_ref().is_some_and(Writer::is_behind);
+                    let now = SystemTime::now();
+                    self.notes.extend(checkpoint::restore(directory, of, &mut estimator, now, is_behind));
                 } else if estimator.learns() {
                     self.notes
                         .push(Note::plain("no state directory: the maps are lost when the daemon ends"));
@@ -590,43 +587,6 @@ impl Worker {
         let last = self.kept_text();
         if let Some(writer) = self.writer.take() {
             writer.finish(last);
-        }
-    }
-}
-
-/// A map stands otherwise than before.
-fn log_map(map: &str, before: MapCondition, now: MapCondition, shared: &Shared) {
-    let warned = |code: Code, text: &str| {
-        warn!(map, %code, "{text}");
-        shared.count(code, map);
-    };
-    if now.limited && !before.limited {
-        warned(Code::MAP_LIMITED, "the map exceeds its limit; the limit is used");
-    } else if before.limited && !now.limited {
-        info!(map, "the map is within its limit again");
-    }
-    match (now.alarm, now.is_static) {
-        of if of == (before.alarm, before.is_static) => {}
-        (_, true) => warned(Code::MAP_STATIC, "the map is given up for the static model"),
-        (true, false) => warned(Code::MAP_ALARM, "a sensor contradicts the map"),
-        (false, false) => info!(map, "the map is learned again"),
-    }
-}
-
-/// A thermal displacement stands otherwise than before.
-fn log_thermal(growth: &str, status: ThermalStatus, input: &str) {
-    let code = growth_code(status).map(|code| code.to_string());
-    match status {
-        ThermalStatus::Waiting(_) => {}
-        ThermalStatus::Used => info!(growth, "the thermal displacement is used"),
-        ThermalStatus::Outside(_) => {
-            warn!(
-                growth,
-                input, code, "an input is outside the range of the fit; the thermal displacement fades"
-            );
-        }
-        ThermalStatus::Lost(_) => {
-            warn!(growth, input, code, "an input is lost; the thermal displacement is held, then taken back");
         }
     }
 }
