@@ -1,6 +1,7 @@
 //! `audit verify` and `audit show`: the log of who did what, and the proof that it is whole.
 
 use super::status;
+use crate::numerals::is_obeyed;
 use crate::prelude::*;
 use volcomp_daemon::audit::{AUDIT_FILE, Broken, Line, Summary, head_path, verify_with};
 
@@ -124,7 +125,7 @@ fn not_a_line(path: &Path, line: usize, error: &serde_json::Error) -> Failure {
     )
 }
 
-/// One line for a person: control characters in what others wrote are shown, not carried out.
+/// One line for a person: characters in what others wrote that a terminal would obey are blanks.
 fn human(line: &Line) -> String {
     let name = line.who.name.clone().or_else(|| line.who.uid.map(|uid| format!("uid {uid}")));
     let Line { seq, time, what, result, .. } = line;
@@ -136,5 +137,5 @@ fn human(line: &Line) -> String {
         line.detail.as_ref().map(|detail| format!("; {detail}")),
     ];
     let text = parts.into_iter().flatten().joined("");
-    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+    text.chars().map(|c| if is_obeyed(c) { ' ' } else { c }).collect()
 }

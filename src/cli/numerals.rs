@@ -76,9 +76,16 @@ fn micro_line(line: &str) -> String {
     line.split(' ').map(word).joined(" ")
 }
 
-/// Text without control characters, which files may hold and a terminal would obey; line ends and tabs stay.
+/// Whether a terminal or a viewer obeys a character instead of showing it: controls, line and paragraph separators, and
+/// the controls of bidirectional text.
+pub(crate) fn is_obeyed(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// Text without characters that a terminal would obey, which files may hold; line ends and tabs stay.
 pub(crate) fn printable(text: &str) -> String {
-    let shown = |c: char| if c.is_control() && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
+    let shown = |c: char| if is_obeyed(c) && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
     text.chars().map(shown).collect()
 }
 
@@ -89,6 +96,10 @@ mod tests {
     #[test]
     fn control_characters_are_replaced() {
         assert_eq!(printable("a\u{1b}[31m\0 b\n\tc"), "a\u{fffd}[31m\u{fffd} b\n\tc");
+        assert_eq!(
+            printable("a\u{202e}b\u{2028}c\u{2067}d\u{200f}é"),
+            "a\u{fffd}b\u{fffd}c\u{fffd}d\u{fffd}é"
+        );
     }
 
     #[test]

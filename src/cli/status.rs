@@ -377,7 +377,13 @@ fn write_tail(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result
     let RealtimeStatus { fifo, affinity, memory_lock } = &status.realtime;
     writeln!(f, "real time   SCHED_FIFO {fifo}; processor {affinity}; memory lock {memory_lock}")?;
     write_kept(f, status)?;
-    let Status { records_dropped, reports_dropped, version, pid, .. } = status;
+    let Status { records_dropped, reports_dropped, readings_refused, version, pid, .. } = status;
+    if *readings_refused > 0 {
+        writeln!(
+            f,
+            "refused     {readings_refused} messages of sensors (each was answered with the reason)"
+        )?;
+    }
     if records_dropped + reports_dropped > 0 {
         writeln!(
             f,

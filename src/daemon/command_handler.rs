@@ -12,13 +12,14 @@ use tracing::info;
 use super::audit::{AuditEntry, Who};
 use super::channels::Request;
 use super::models::{Prepared, guard};
+use super::sensors::Forgotten;
 use super::service::Service;
 use super::socket::{Answer, Ask, ModelChange, SentModel, Verb};
 use super::sync::{Mutex, sleep, spawn_blocking, timeout};
 use super::write_queue::Saved;
 use exclusive_access::ExclusiveAccess;
 
-use volcomp_config::Policy;
+use volcomp_config::{MachineConfig, Policy};
 use volcomp_engine::Command;
 use volcomp_engine::fault::Code;
 
@@ -161,16 +162,38 @@ async fn forget(ask: &Ask, service: &Mutex<Service>) -> Answer {
     };
     let done = async {
         loop {
-            if let Ok(found) = answered.try_recv() {
-                return found;
+            if let Ok(forgotten) = answered.try_recv() {
+                return forgotten;
             }
             sleep(POLL).await;
         }
     };
-    match timeout(COMMAND_LIMIT, done).await {
-        Ok(true) => Answer::done(service.lock().state()),
-        Ok(false) => Answer::refused(format!("unknown map \"{name}\"")),
-        Err(_) => Answer::refused("the estimator did not answer"),
+    let number = match timeout(COMMAND_LIMIT, done).await {
+        Ok(Forgotten::Done(number)) => number,
+        Ok(Forgotten::NoSuchMap) => return Answer::refused(no_such_map(name, &service.lock().config())),
+        Ok(Forgotten::Unused) => {
+            return Answer::refused(format!(
+                "{}: live estimation is off with the model in use: no map can be forgotten",
+                Code::LIVE_UNUSED
+            ));
+        }
+        Err(_) => {
+            return Answer::refused(format!(
+                "the estimator did not answer within {} s; it will carry this out as soon as it does",
+                COMMAND_LIMIT.as_secs()
+            ));
+        }
+    };
+    // without a state directory a restart begins at the offline map anyway
+    let note = durable(|service| service.forgotten_saved(number), |_| false, service).await;
+    Answer { notes: note.into_iter().collect(), ..Answer::done(service.lock().state()) }
+}
+
+fn no_such_map(name: &str, config: &MachineConfig) -> String {
+    let maps: Vec<&str> = config.sensors.spec.maps.iter().map(|map| map.name.as_str()).collect();
+    match maps.as_slice() {
+        [] => format!("unknown map \"{name}\"; the machine file lists none"),
+        maps => format!("unknown map \"{name}\"; expected one of {}", maps.join(", ")),
     }
 }
 
@@ -186,7 +209,8 @@ async fn order(request: Request, service: &Mutex<Service>) -> Answer {
     };
     let in_time = timeout(COMMAND_LIMIT, done).await.is_ok();
     // what the operator has switched off stays off whether or not the cycle thread has answered
-    let note = durable(&request, service).await;
+    let kept = || durable(Service::retained_state_saved, |service| service.is_undone(&request), service);
+    let note = kept().await;
     if !in_time && !service.lock().is_done(number) {
         let mut error = format!("the cycle thread did not answer within {} s", COMMAND_LIMIT.as_secs());
         if request.is_safe() {
@@ -197,7 +221,7 @@ async fn order(request: Request, service: &Mutex<Service>) -> Answer {
     if !service.lock().is_carried_out(number) {
         return Answer::refused(refusal(&request, &service.lock()));
     }
-    let note = durable(&request, service).await;
+    let note = kept().await;
     sleep(SETTLE).await;
     let mut service = service.lock();
     service.drain();
@@ -221,13 +245,18 @@ fn refusal(request: &Request, service: &Service) -> String {
     }
 }
 
-/// Waits until the newest order is durable; why it is not, where the disk does not take it in time.
-async fn durable(request: &Request, service: &Mutex<Service>) -> Option<String> {
-    let mut verdict = service.lock().retained_state_saved();
+/// Waits until an order is durable, as `saved` tells; why it is not, where the disk does not take it in time. `is_undone`:
+/// whether a restart undoes it to the worse where there is no state directory.
+async fn durable(
+    saved: impl Fn(&Service) -> Saved,
+    is_undone: impl Fn(&Service) -> bool,
+    service: &Mutex<Service>,
+) -> Option<String> {
+    let mut verdict = saved(&service.lock());
     let waited = async {
         while verdict == Saved::Waiting {
             sleep(POLL).await;
-            verdict = service.lock().retained_state_saved();
+            verdict = saved(&service.lock());
         }
     };
     let _ = timeout(DISK_LIMIT, waited).await;
@@ -235,9 +264,7 @@ async fn durable(request: &Request, service: &Mutex<Service>) -> Option<String> 
         Saved::Yes => return None,
         Saved::Waiting => "the disk is slow".to_owned(),
         Saved::No(why) => why,
-        Saved::Nowhere if service.lock().is_undone(request) => {
-            "no state directory ([state] directory)".to_owned()
-        }
+        Saved::Nowhere if is_undone(&service.lock()) => "no state directory ([state] directory)".to_owned(),
         Saved::Nowhere => return None,
     };
     Some(format!("not kept, so a restart may undo this: {why}"))

@@ -24,7 +24,7 @@ use super::logging::{self, LogError};
 use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, notify};
 use super::recorder::{HealthSlot, Recorder};
-use super::sensors::{self, Listener, Sensors, live_ends, live_ends_in_lock_step};
+use super::sensors::{self, EstimatorTime, Listener, Sensors, live_ends, live_ends_in_lock_step};
 use super::server::{Server, SocketError};
 use super::service::Service;
 use super::signals::{self, STOP_LIMIT};
@@ -156,24 +156,34 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let socket = socket_path(config, &loaded.config);
     let server = socket.as_deref().map(Server::bind).transpose()?;
     let http = http_listener(&loaded.config)?;
+    let sensor_socket = sensor_socket(&loaded.config)?;
     let clock = Clock::start();
     let mut state_writer = StateWriter::start(config, &loaded);
     let directory = state_writer.directory().map(Path::to_owned);
     let place = directory.as_deref().map(|directory| (state_writer.disk(), directory));
     let first = state_writer.recalled() == Some(&Recalled::First);
     let models = Models::at_start(place, first, &loaded, |why| state_writer.hold(why));
-    state_writer.announce(&loaded, &models.active);
     let mut how = permit(&models, &loaded.config);
     let health = Arc::new(HealthSlot::default());
-    let (sensors, listener) = live(&loaded, &models, &state_writer, &mut how, (&health, clock)).await?;
+    let sensors = live(&loaded, &models, &state_writer, &mut how, (&health, clock))?;
+    let listener = sensors.as_ref().zip(sensor_socket).map(|((sensors, time), socket)| {
+        let idle = Duration::from_secs_f64(loaded.config.sensors.idle_s);
+        let to = (sensors.readings.clone(), Arc::clone(&sensors.lost), Arc::clone(&sensors.known));
+        Listener::new(socket, to, (clock, time.clone()), idle)
+    });
+    let listener = listener
+        .transpose()
+        .map_err(|source| DaemonError::System { what: "the socket of the sensors", source })?;
     let recorder = Recorder::start(config, &loaded, &models.active, health, clock)
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
     cycle_channels.tap = tap;
+    // what can keep the daemon from starting is open: ports, threads, state; the rest ends it with a `stop`
+    state_writer.announce(&loaded, &models.active);
     let mut service =
         Service::new(Arc::clone(&loaded), service_channels, state_writer, recorder, models, clock)
             .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
-    service.sensors = sensors;
+    service.sensors = sensors.map(|(sensors, _)| sensors);
     let how = Start { permitted: service.begins(how.permitted), kept_fault: service.has_kept_fault(), ..how };
     let setup = |listener| http::Setup {
         listener,
@@ -181,18 +191,21 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         token: loaded.http_token.clone(),
         verification: loaded.config.http.verification.as_ref().map(|file| config.with_file_name(file)),
     };
-    let publisher = http
-        .map(|listener| Publisher::start(setup(listener), service.snapshot(), clock))
-        .transpose()
-        .map_err(|source| DaemonError::System { what: "the thread of the HTTP service", source })?;
+    let publisher = http.map(|listener| Publisher::start(setup(listener), service.snapshot(), clock));
+    let publisher = publisher.transpose().map_err(|source| {
+        service.finish("failed");
+        DaemonError::System { what: "the thread of the HTTP service", source }
+    })?;
     let (publisher, orders) = publisher.unzip();
     let service = Arc::new(Mutex::new(service));
     if let Some(orders) = orders.flatten() {
         tokio::spawn(http::serve_orders(orders, Arc::clone(&service)));
     }
     log_start(config, &loaded);
-    let mut thread = CycleThread::spawn(loaded, how, cycle_channels, clock)
-        .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
+    let mut thread = CycleThread::spawn(loaded, how, cycle_channels, clock).map_err(|source| {
+        service.lock().finish("failed");
+        DaemonError::System { what: "the cycle thread", source }
+    })?;
     let server = server.map(|server| tokio::spawn(server.run(Arc::clone(&service))));
     let listener = listener.map(|listener| tokio::spawn(listener.run()));
     notify(&[NotifyState::Ready]);
@@ -230,6 +243,20 @@ fn http_listener(config: &MachineConfig) -> Result<Option<TcpListener>, DaemonEr
     Ok(Some(listener))
 }
 
+/// The socket of the sensors, where the machine file lists any.
+fn sensor_socket(config: &MachineConfig) -> Result<Option<TcpListener>, DaemonError> {
+    let config = &config.sensors;
+    let Some(address) = config.listen.filter(|_| !config.spec.sensors.is_empty()) else { return Ok(None) };
+    let socket = TcpListener::bind(address)
+        .and_then(|socket| socket.set_nonblocking(true).map(|()| socket))
+        .map_err(|source| DaemonError::Listen { key: "sensors.listen", address, source })?;
+    if config.plain_remote && !is_this_computer(address.ip()) {
+        warn!(%address, "plain-remote: anyone who reaches this port can send live values, within the limits of the model");
+    }
+    info!(%address, "sensors connect here");
+    Ok(Some(socket))
+}
+
 /// The model to start with, and whether compensation may be on from the start.
 fn permit(models: &Models, config: &MachineConfig) -> Start {
     let expiry = models.active.expiry.as_deref();
@@ -245,14 +272,14 @@ fn permit(models: &Models, config: &MachineConfig) -> Start {
     Start { model, permitted, kept_fault: false, service_silent_s: SERVICE_SILENT_S, live: None }
 }
 
-/// The estimator and the socket of its sensors, where the machine file lists any.
-async fn live(
+/// The estimator and its time, where the machine file lists sensors.
+fn live(
     loaded: &Loaded,
     models: &Models,
     state_writer: &StateWriter,
     how: &mut Start,
     (health, clock): (&Arc<HealthSlot>, Clock),
-) -> Result<(Option<Sensors>, Option<Listener>), DaemonError> {
+) -> Result<Option<(Sensors, EstimatorTime)>, DaemonError> {
     let config = &loaded.config.sensors;
     if config.spec.sensors.is_empty() {
         let named = models.active.spec.sensors();
@@ -261,7 +288,7 @@ async fn live(
                 "the model has thermal displacements, and the machine file lists no [[sensor]]: they stay zero"
             );
         }
-        return Ok((None, None));
+        return Ok(None);
     }
     let hash = *blake3::hash(models.active.text.as_bytes()).as_bytes();
     let (cycle, end) = if config.lock_step { live_ends_in_lock_step(hash) } else { live_ends(hash) };
@@ -280,16 +307,7 @@ async fn live(
         time: time.clone(),
     })
     .map_err(|source| DaemonError::System { what: "the estimator's thread", source })?;
-    let Some(address) = config.listen else { return Ok((Some(sensors), None)) };
-    let (readings, dropped) = (sensors.readings.clone(), Arc::clone(&sensors.dropped));
-    let (known, idle) = (Arc::clone(&sensors.known), Duration::from_secs_f64(config.idle_s));
-    let listener = Listener::bind(address, readings, dropped, known, (clock, time), idle)
-        .await
-        .map_err(|source| DaemonError::Listen { key: "sensors.listen", address, source })?;
-    if config.plain_remote && !is_this_computer(address.ip()) {
-        warn!(%address, "plain-remote: anyone who reaches this port can send live values, within the limits of the model");
-    }
-    Ok((Some(sensors), Some(listener)))
+    Ok(Some((sensors, time)))
 }
 
 /// Looks after everything until the cycle thread ends.

@@ -1,5 +1,7 @@
 //! Whether all is well: the verdict of the status, its exit code and what to do.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 
 use super::recent::{CodeCount, is_counted_per_cycle};
@@ -26,8 +28,8 @@ pub struct Health {
     pub remedy: String,
 }
 
-/// Judges a status; the most serious cause decides.
-pub(super) fn health(status: &Status) -> Health {
+/// Judges a status and what lasts beside it; the most serious cause decides.
+pub(super) fn health(status: &Status, lasting: &BTreeSet<(Code, String)>) -> Health {
     if let Some(fault) = status.faults.first() {
         let numbers = fault.numbers.as_ref().map_or_else(String::new, |numbers| format!(": {numbers}"));
         return of_code("faulted", 4, &fault.code, &format!("{}{numbers}", fault.text));
@@ -69,11 +71,11 @@ pub(super) fn health(status: &Status) -> Health {
         let text = code.entry().map_or("", |entry| entry.text);
         return of_code("warning", 1, &code.to_string(), &format!("map {}: {text}", map.name));
     }
-    if let Some(error) = status.recording.as_ref().and_then(|recording| recording.error.as_deref()) {
-        return of_code("warning", 1, &Code::RECORDING_STOPPED.to_string(), error);
+    let standing = status.hindrances.first().or(status.start_inhibit.as_ref());
+    if let Some((code, text)) = lasting.first().filter(|_| standing.is_none()) {
+        return of_code("warning", 1, &code.to_string(), text);
     }
     let note = status.lifetime.note.as_ref().filter(|note| note.starts_with("VC-"));
-    let standing = status.hindrances.first().or(status.start_inhibit.as_ref());
     if let Some(text) = standing.or(note) {
         let code = text.get(..7).filter(|code| code.starts_with("VC-")).unwrap_or_default().to_owned();
         return of_code("warning", 1, &code, text);
@@ -87,7 +89,7 @@ fn rank(warning: &CodeCount) -> (bool, bool, u64) {
 }
 
 /// Tells the warnings and faults that last from those that are over, and puts the most serious first.
-pub(super) fn mark_present(status: &mut Status) {
+pub(super) fn mark_present(status: &mut Status, lasting: &BTreeSet<(Code, String)>) {
     let reasons =
         [status.state_reason.as_ref().filter(|_| is_interrupted(&status.state)), status.waits_for.as_ref()];
     let mut present: Vec<String> = reasons.into_iter().flatten().map(|reason| reason.code.clone()).collect();
@@ -95,12 +97,8 @@ pub(super) fn mark_present(status: &mut Status) {
     present.extend(status.sensors.iter().filter_map(|sensor| sensor.code.clone()));
     present.extend(status.growths.iter().filter_map(|growth| growth.code.clone()));
     present.extend(status.maps.iter().flat_map(MapStatus::codes).map(|code| code.to_string()));
-    let overloaded = Code::ESTIMATOR_OVERLOADED.to_string();
-    present
-        .extend(status.sensor_notes.iter().any(|note| note.starts_with(&overloaded)).then_some(overloaded));
+    present.extend(lasting.iter().map(|(code, _)| code.to_string()));
     present.extend(status.lifetime.note.as_deref().and_then(|note| note.get(..7)).map(str::to_owned));
-    let stopped = status.recording.as_ref().is_some_and(|recording| recording.error.is_some());
-    present.extend(stopped.then(|| Code::RECORDING_STOPPED.to_string()));
     present.extend(status.link.error_code.clone().filter(|_| !status.link.up));
     for warning in &mut status.recent.warnings {
         let counted = warning.age_s < OVER_S && Code::parse(&warning.code).is_some_and(is_counted_per_cycle);
@@ -144,13 +142,31 @@ mod tests {
             (map("held", false), None),
         ] {
             let mut status = Status { maps: vec![map], ..Status::default() };
-            let verdict = health(&status);
+            let verdict = health(&status, &BTreeSet::new());
             assert_eq!((verdict.code.as_deref(), verdict.exit_code), (code, u8::from(code.is_some())));
             assert_eq!(verdict.cause.starts_with("map ram: "), code.is_some(), "{}", verdict.cause);
             let counted = CodeCount { code: "VC-8019".to_owned(), age_s: 50.0, ..CodeCount::default() };
             status.recent.warnings.push(counted);
-            mark_present(&mut status);
+            mark_present(&mut status, &BTreeSet::new());
             assert_eq!(status.recent.warnings[0].present, status.maps[0].limited);
         }
+    }
+
+    #[test]
+    fn what_cannot_be_saved_is_a_warning_for_as_long_as_it_lasts() {
+        let mut status = Status { state: "off".to_owned(), ..Status::default() };
+        let text = "maps are not saved: live.json: no space".to_owned();
+        let lasting = BTreeSet::from([(Code::COUNTERS_NOT_SAVED, text.clone())]);
+        // the count of the minute is over long since
+        let verdict = health(&status, &lasting);
+        assert_eq!((verdict.code.as_deref(), verdict.exit_code), (Some("VC-7006"), 1));
+        assert!(verdict.cause == text && !verdict.remedy.is_empty(), "{verdict:?}");
+        let counted = CodeCount { code: "VC-7006".to_owned(), age_s: 50.0, ..CodeCount::default() };
+        status.recent.warnings.push(counted);
+        mark_present(&mut status, &lasting);
+        assert!(status.recent.warnings[0].present);
+        mark_present(&mut status, &BTreeSet::new());
+        assert!(!status.recent.warnings[0].present);
+        assert_eq!(health(&Status::default(), &BTreeSet::new()).exit_code, 0);
     }
 }

@@ -150,6 +150,12 @@ pub struct FilterStatus {
     pub notes: Vec<String>,
     /// Readings that found the estimator's queue full.
     pub dropped: u64,
+    /// Messages that were answered with an error.
+    #[serde(default)]
+    pub refused: u64,
+    /// What is wrong for as long as it lasts, by number; the notes have it, too.
+    #[serde(skip)]
+    pub lasting: Vec<(fault::Code, String)>,
 }
 
 /// Number of a trouble in the catalogue of faults.
@@ -325,8 +331,7 @@ impl FilterStatus {
             sensors: health.sensors.iter().map(SensorStatus::new).collect(),
             maps: health.maps.iter().map(MapStatus::new).collect(),
             growths: health.growths.iter().map(ThermalDisplacementStatus::new).collect(),
-            notes: Vec::new(),
-            dropped: 0,
+            ..Self::default()
         }
     }
 }

@@ -85,8 +85,8 @@ pub(super) struct Service {
     /// What the control kept of axes that are not listed when the last link ended.
     left_unlisted: Option<String>,
     benefit: Benefit,
-    /// What is wrong with state directory and recording now, by number.
-    standing: BTreeSet<(String, String)>,
+    /// What lasted when it was looked at last.
+    standing: BTreeSet<(Code, String)>,
 }
 
 impl Service {
@@ -333,16 +333,20 @@ impl Service {
         }
     }
 
-    /// Counts by number what is newly wrong with state directory and recording.
-    fn look_at_what_lasts(&mut self, now: MonoTime) {
-        let mut standing: BTreeSet<(String, String)> = BTreeSet::new();
-        standing.extend(self.state_writer.problem().map(|text| (Code::COUNTERS_NOT_SAVED.to_string(), text)));
+    /// What is wrong with state directory, recording and estimator for as long as it lasts, by number.
+    fn what_lasts(&self) -> BTreeSet<(Code, String)> {
+        let state = self.state_writer.problem().map(|text| (Code::COUNTERS_NOT_SAVED, text));
         let recording = self.recorder.as_ref().and_then(|recorder| recorder.stats.status().error);
-        standing.extend(recording.map(|text| (Code::RECORDING_STOPPED.to_string(), text)));
-        for (code, name) in standing.difference(&self.standing) {
-            if let Some(code) = Code::parse(code) {
-                self.recent.count(now, code, 1, Some(name.clone()));
-            }
+        let recording = recording.map(|text| (Code::RECORDING_STOPPED, text));
+        let estimator = self.sensors.iter().flat_map(Sensors::lasting);
+        state.into_iter().chain(recording).chain(estimator).collect()
+    }
+
+    /// Counts by number what is newly wrong and lasts.
+    fn look_at_what_lasts(&mut self, now: MonoTime) {
+        let standing = self.what_lasts();
+        for (code, text) in standing.difference(&self.standing) {
+            self.recent.count(now, *code, 1, Some(text.clone()));
         }
         self.standing = standing;
     }
@@ -370,17 +374,18 @@ impl Service {
             status.maps = health.maps.iter().map(MapStatus::brief).collect();
             (status.sensors, status.growths) = (health.sensors, health.growths);
             status.sensor_notes = health.notes;
-            status.readings_dropped = health.dropped;
+            (status.readings_dropped, status.readings_refused) = (health.dropped, health.refused);
         }
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
         let now = self.clock.now();
         status.recent = self.recent.status(now);
-        mark_present(&mut status);
+        let lasting = self.what_lasts();
+        mark_present(&mut status, &lasting);
         status.events = self.recent.events(now);
         status.benefit = self.benefit.status();
         status.model_errors = model_errors(&self.models.active.spec);
         status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
-        status.health = health(&status);
+        status.health = health(&status, &lasting);
         status
     }
 

@@ -122,6 +122,9 @@ pub struct Status {
     /// Readings that found the estimator's queue full.
     #[serde(default)]
     pub readings_dropped: u64,
+    /// Messages of sensors that were answered with an error.
+    #[serde(default)]
+    pub readings_refused: u64,
     /// Records lost: those of the recording that found its queue or the disk full, and those of the statistics.
     pub records_dropped: u64,
     /// Log reports that found their queue full.

@@ -15,6 +15,9 @@ pub const VALUES_MAX: usize = 16;
 pub const RETURN_READINGS: u32 = 5;
 /// Readings on end that jump, race or are out of range before a sensor counts as doing that; fewer are outliers.
 pub const SUSPECT_READINGS: u32 = 3;
+/// Time from the start to the first reading after which a sensor that was never heard is silent, s; its age limit where
+/// that is longer. Sensors connect anew when the daemon starts.
+pub const FIRST_READING_S: f64 = 10.0;
 /// Equal readings that make a frozen sensor, beside the time.
 const FROZEN_READINGS: u32 = 5;
 
@@ -118,6 +121,10 @@ pub struct Supervisor {
     /// When the standing changed.
     since: MonoTime,
     heard: Option<MonoTime>,
+    /// When it was waited for first.
+    begun: Option<MonoTime>,
+    /// Since when it is silent without ever having been heard.
+    overdue: Option<MonoTime>,
     /// The newest plausible reading: when, its numbers.
     last: Option<(MonoTime, [f64; VALUES_MAX])>,
     /// The newest reading as it was given.
@@ -139,6 +146,8 @@ impl Supervisor {
             status: SensorStatus::Waiting,
             since: MonoTime::ZERO,
             heard: None,
+            begun: None,
+            overdue: None,
             last: None,
             raw: None,
             suspects: 0,
@@ -151,6 +160,14 @@ impl Supervisor {
     #[must_use]
     pub const fn status(&self) -> SensorStatus {
         self.status
+    }
+
+    /// How it stands and since when, for people: one that was never heard is silent after [`FIRST_READING_S`]. Its first
+    /// plausible reading is believed all the same.
+    #[must_use]
+    pub fn reported(&self) -> (SensorStatus, MonoTime) {
+        let overdue = self.overdue.map(|since| (SensorStatus::Excluded(SensorFault::Silent), since));
+        overdue.unwrap_or((self.status, self.since))
     }
 
     /// Since when.
@@ -172,12 +189,17 @@ impl Supervisor {
             self.exclude(now, SensorFault::Silent);
             (self.last, self.raw) = (None, None);
         }
+        let begun = *self.begun.get_or_insert(now);
+        let limit = self.rules.age_limit_s.max(FIRST_READING_S);
+        if self.heard.is_none() && self.overdue.is_none() && now.seconds_since(begun) > limit {
+            self.overdue = Some(now);
+        }
     }
 
     /// It was heard, but what it said could not be judged.
     pub fn hear(&mut self, now: MonoTime) {
         self.tick(now);
-        self.heard = Some(now);
+        (self.heard, self.overdue) = (Some(now), None);
     }
 
     /// A reading that arrived at `now`; true where it may be believed.
@@ -386,6 +408,25 @@ mod tests {
         });
         assert_eq!(excluded(&s, SensorFault::Jump).0, 37, "{s:?}");
         assert!(s[45] != SensorStatus::Good && s[79] == SensorStatus::Good, "{s:?}");
+    }
+
+    #[test]
+    fn one_that_was_never_heard_is_reported_silent_and_believed_from_its_first_reading() {
+        let at = |s: i64| MonoTime::from_ns(s * 1_000_000_000);
+        let silent = SensorStatus::Excluded(SensorFault::Silent);
+        for (age_limit_s, limit) in [(0.5, 10), (60.0, 60)] {
+            let mut s = Supervisor::new(Plausibility { age_limit_s, ..RULES });
+            // another model has been loaded long after the start
+            (1000..=1000 + limit).for_each(|k| s.tick(at(k)));
+            assert_eq!(s.reported().0, SensorStatus::Waiting);
+            (1001 + limit..1100).for_each(|k| s.tick(at(k)));
+            assert_eq!(s.reported(), (silent, at(1001 + limit)));
+            assert_eq!(s.status(), SensorStatus::Waiting);
+            assert!(s.accept(at(1100), &said(at(1100), false, 1.0, &[0.1])));
+            assert_eq!(s.reported(), (SensorStatus::Good, at(1100)));
+            s.tick(at(1200));
+            assert_eq!(s.reported(), (silent, at(1200)));
+        }
     }
 
     #[test]

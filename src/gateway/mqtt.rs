@@ -168,21 +168,14 @@ impl Said {
         if self.available.replace(available) != Some(available) {
             out.push(("availability", if available { "online" } else { "offline" }.to_owned(), true));
         }
-        let Some(status) = reading else {
-            self.health = None;
-            return out;
-        };
-        let health = &status.health;
-        let new = json!({
-            "state": status.state, "verdict": health.verdict, "code": health.code, "cause": health.cause,
-            "remedy": health.remedy,
-        });
-        if self.health.as_ref() != Some(&new) {
-            let mut stamped = new.clone();
+        let health = health_of(reading.as_deref());
+        if self.health.as_ref() != Some(&health) {
+            let mut stamped = health.clone();
             stamped["time"] = utc::text(now).into();
             out.push(("health", stamped.to_string(), true));
-            self.health = Some(new);
+            self.health = Some(health);
         }
+        let Some(status) = reading else { return out };
         let key = |time: &str, code: &str| format!("{time} {code}");
         if let Some(last) = &self.newest {
             // in the order of their first occurrence on the wire
@@ -199,6 +192,20 @@ impl Said {
         }
         out
     }
+}
+
+/// State and verdict; unknown where the daemon does not answer, so that no retained one speaks for it.
+fn health_of(reading: Option<&Status>) -> Value {
+    let Some(Status { state, health, .. }) = reading else {
+        return json!({
+            "state": null, "verdict": "unknown", "code": null, "cause": "the daemon does not answer",
+            "remedy": "volcomp status on its computer says more",
+        });
+    };
+    json!({
+        "state": state, "verdict": health.verdict, "code": health.code, "cause": health.cause,
+        "remedy": health.remedy,
+    })
 }
 
 #[cfg(test)]
@@ -231,7 +238,11 @@ mod tests {
         let next = said.messages(Some(Arc::new(later.clone())), now);
         assert_eq!(names(&next), ["health", "event", "event", "status"]);
         assert!(next[1].1.contains("VC-4001") && next[2].1.contains("VC-2003") && !next[1].2);
-        assert_eq!(names(&said.messages(None, now)), ["availability"]);
+        let gone = said.messages(None, now);
+        assert_eq!(names(&gone), ["availability", "health"]);
+        let health: Value = serde_json::from_str(&gone[1].1).unwrap();
+        assert_eq!((&health["verdict"], &health["state"]), (&json!("unknown"), &Value::Null));
+        assert!(said.messages(None, now).is_empty());
         assert_eq!(names(&said.messages(Some(Arc::new(later)), now)), ["availability", "health", "status"]);
     }
 

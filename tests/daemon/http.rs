@@ -105,6 +105,8 @@ fn metrics_tell_cycles_latency_state_offsets_and_model() {
         ("volcomp_link_up", 1.0),
         ("volcomp_enabled", 1.0),
         ("volcomp_state{state=\"faulted\"}", 0.0),
+        ("volcomp_readings_refused_total", 0.0),
+        ("volcomp_readings_dropped_total", 0.0),
         ("volcomp_model_error_motions{kind=\"covered\"}", 1.0),
         ("volcomp_model_error_motions{kind=\"possible\"}", 21.0),
         ("volcomp_faults_total{code=\"VC-4001\",name=\"read-back\"}", 0.0),

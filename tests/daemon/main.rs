@@ -6,6 +6,7 @@ mod calls;
 mod commands;
 mod gateway;
 mod http;
+mod learned_state;
 mod link;
 mod models;
 mod page;

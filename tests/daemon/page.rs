@@ -269,6 +269,13 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
             true,
             "the page is wider than {width}"
         );
+        // as a note about a map that is kept under a long path
+        let note = format!(
+            "(() => {{ const note = document.createElement('p'); note.textContent = '/' + 'x'.repeat(200); \
+             document.getElementById('sensors').append(note); \
+             const fits = document.documentElement.scrollWidth <= {width}; note.remove(); return fits; }})()"
+        );
+        assert_eq!(scene.browser.value(&note), true, "a long word makes the page wider than {width}");
         scene.picture(name);
     }
     scene.browser.look_like(1440, 900, "light");

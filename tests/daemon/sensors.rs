@@ -49,7 +49,7 @@ const RAM_MM: f64 = 0.020;
 const GROWTH_MM: f64 = 0.008;
 
 /// Tables of the machine file, with a port that is free.
-fn tables() -> (String, &'static str) {
+pub(crate) fn tables() -> (String, &'static str) {
     let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("address");
     let text = format!(
         "[recording]\ndirectory = \"rec\"\nflush-ms = 50.0\n[state]\ndirectory = \"state\"\n\
@@ -77,19 +77,19 @@ fn every_kind() -> (String, Setup) {
     (port, setup)
 }
 
-fn setup(more: &'static str) -> Setup {
+pub(crate) fn setup(more: &'static str) -> Setup {
     Setup { more, model: MODEL.to_owned(), ..Setup::default() }
 }
 
 /// Control, daemon and sensors, in real time.
-struct Shop {
+pub(crate) struct Shop {
     session: Session,
     sensors: TcpStream,
     begin: Instant,
     /// Where the control's clock began.
     control_ns: i64,
     readings: u32,
-    tracker: bool,
+    pub(crate) tracker: bool,
     /// What the tracker is wrong by, um.
     bias_um: f64,
     /// What the laser along Y sees of the straightness, um, as a function of Y; `None`: it says nothing.
@@ -101,7 +101,7 @@ struct Shop {
 }
 
 impl Shop {
-    fn open(port: &Port, address: &str) -> Self {
+    pub(crate) fn open(port: &Port, address: &str) -> Self {
         let mut sensors = None;
         assert!(eventually(|| {
             sensors = TcpStream::connect(address).ok();
@@ -126,7 +126,7 @@ impl Shop {
     }
 
     /// Cycles in real time for so long, a reading of each sensor every 10 ms.
-    fn work(&mut self, time: Duration) {
+    pub(crate) fn work(&mut self, time: Duration) {
         let until = Instant::now() + time;
         while Instant::now() < until {
             let elapsed = self.begin.elapsed();
@@ -178,7 +178,7 @@ impl Shop {
     }
 
     /// Cycles go on while something else is done.
-    fn meanwhile<T: Send>(&mut self, what: impl FnOnce() -> T + Send) -> T {
+    pub(crate) fn meanwhile<T: Send>(&mut self, what: impl FnOnce() -> T + Send) -> T {
         std::thread::scope(|scope| {
             let other = scope.spawn(what);
             while !other.is_finished() {
@@ -189,7 +189,7 @@ impl Shop {
     }
 
     /// Works until a condition holds.
-    fn until(&mut self, words: &str, mut holds: impl FnMut(&Self) -> bool) {
+    pub(crate) fn until(&mut self, words: &str, mut holds: impl FnMut(&Self) -> bool) {
         let begin = Instant::now();
         while !holds(self) {
             assert!(begin.elapsed() < 4 * PATIENCE, "{words}");
@@ -202,7 +202,7 @@ impl Shop {
     }
 }
 
-fn named<'a>(status: &'a serde_json::Value, list: &str, name: &str) -> &'a serde_json::Value {
+pub(crate) fn named<'a>(status: &'a serde_json::Value, list: &str, name: &str) -> &'a serde_json::Value {
     let all = status[list].as_array().expect("a list");
     all.iter().find(|entry| entry["name"] == name).expect("listed")
 }
@@ -277,7 +277,7 @@ fn what_sensors_teach_reaches_axes_status_recording_and_disk() {
 }
 
 /// Whether a number is among the warnings of the last minute and among the events.
-fn is_counted(status: &serde_json::Value, code: &str) -> bool {
+pub(crate) fn is_counted(status: &serde_json::Value, code: &str) -> bool {
     let has = |list: &serde_json::Value| list.as_array().expect("a list").iter().any(|e| e["code"] == code);
     has(&status["recent"]["warnings"]) && has(&status["events"])
 }

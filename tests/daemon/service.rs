@@ -564,3 +564,23 @@ fn a_mistake_in_the_machine_file_keeps_nobody_from_switching_off() {
     }
     assert_eq!(daemon.status()["enabled"], false);
 }
+
+#[test]
+fn a_daemon_that_does_not_start_has_no_start_in_its_audit_log() {
+    let port = Port::open();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let more = format!(
+        "[state]\ndirectory = \"state\"\n[sensors]\nlisten = \"{}\"\n[[sensor]]\nname = \"air\"\nkind = \"temperature\"\n",
+        taken.local_addr().expect("address")
+    );
+    let more: &'static str = Box::leak(more.into_boxed_str());
+    let mut daemon = Daemon::start(&port.address(), Setup { more, ..Setup::default() });
+    assert_eq!(daemon.wait().code(), Some(74), "{}", daemon.log());
+    assert!(daemon.log().contains("sensors.listen"), "{}", daemon.log());
+    let audit = daemon.dir.path().join("state/audit.jsonl");
+    let starts = || std::fs::read_to_string(&audit).unwrap_or_default().matches("\"what\":\"start\"").count();
+    assert_eq!(starts(), 0);
+    drop(taken);
+    daemon.restart();
+    assert!(eventually(|| starts() == 1), "{}", daemon.log());
+}

@@ -57,6 +57,9 @@ fn forget(ForgetArgs { map, common }: &ForgetArgs) -> Result<()> {
     } else {
         say!("map {map} restarts from the offline map");
     }
+    for note in &answer.notes {
+        note!("note: {note}");
+    }
     Ok(())
 }
 

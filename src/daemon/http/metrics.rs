@@ -91,6 +91,16 @@ impl Source {
             ),
             ("volcomp_links", "Links to the control that have come up", status.link.links),
             ("volcomp_records_dropped", "Records lost by statistics and recording", status.records_dropped),
+            (
+                "volcomp_readings_dropped",
+                "Readings of sensors that found the estimator's queue full",
+                status.readings_dropped,
+            ),
+            (
+                "volcomp_readings_refused",
+                "Messages of sensors that were answered with an error",
+                status.readings_refused,
+            ),
         ] {
             let mut metric = e.encode_descriptor(name, help, None, MetricType::Counter)?;
             metric.encode_counter::<NoLabelSet, _, u64>(&value, None)?;

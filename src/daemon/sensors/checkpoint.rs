@@ -1,21 +1,21 @@
 //! What was learned, on the disk: `live.json` in the state directory.
 //!
-//! Replaced as a whole (temporary file, sync, rename) by a thread of its own ([`Writer`]), for a disk may be slow or hang. It is put back only where machine, model, components, nodes and
-//! numbers are right; the uncertainty grows by the time that passed. What cannot be put back is set aside under a name
-//! with the date and reported: a map that is wrong is worse than none.
+//! Replaced as a whole (temporary file, sync, rename) by a thread of its own ([`super::map_writer`]), for a disk may be slow
+//! or hang. It is put back only where machine, model, components, nodes and numbers are right; the uncertainty grows by the
+//! time that passed. What cannot be put back is set aside under a name with the date and reported: a map that is wrong is
+//! worse than none.
 
 use std::io::{self, ErrorKind};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
-use crossbeam_channel::{Sender, bounded};
 use serde::{Deserialize, Serialize};
 use volcomp_state::bounded_read::read_regular;
-use volcomp_state::disk::{RealDisk, replace, set_aside};
+use volcomp_state::disk::{RealDisk, set_aside};
 use volcomp_state::utc;
 
+use super::Note;
+use volcomp_engine::fault::Code;
 use volcomp_estimate::live::{LiveEstimator, SavedMap, SavedThermalState};
 
 const FORMAT: &str = "volcomp-live/1";
@@ -43,73 +43,6 @@ fn unix_s(now: SystemTime) -> f64 {
     now.duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
-/// The thread that writes.
-#[derive(Debug)]
-pub(super) struct Writer {
-    jobs: Sender<WriteRequest>,
-    problem: Arc<Mutex<Option<String>>>,
-    thread: JoinHandle<()>,
-}
-
-#[derive(Debug)]
-enum WriteRequest {
-    Write(Vec<u8>),
-    /// Everything before it is written.
-    Told(Sender<()>),
-}
-
-impl Writer {
-    /// Starts it.
-    pub(super) fn start(directory: &Path) -> io::Result<Self> {
-        let path = directory.join(FILE);
-        let problem = Arc::new(Mutex::new(None));
-        let (jobs, receiver) = bounded::<WriteRequest>(1);
-        let found = Arc::clone(&problem);
-        let thread = std::thread::Builder::new().name("volcomp-keep".to_owned()).spawn(move || {
-            for job in receiver {
-                match job {
-                    WriteRequest::Write(text) => {
-                        let why = replace(&RealDisk, &path, &text)
-                            .err()
-                            .map(|e| format!("{}: {e}", path.display()));
-                        *found.lock().unwrap_or_else(PoisonError::into_inner) = why;
-                    }
-                    WriteRequest::Told(done) => {
-                        let _ = done.try_send(());
-                    }
-                }
-            }
-        })?;
-        Ok(Self { jobs, problem, thread })
-    }
-
-    /// Has it written; false where the one before is still on its way to the disk.
-    pub(super) fn write(&self, text: Vec<u8>) -> bool {
-        self.jobs.try_send(WriteRequest::Write(text)).is_ok()
-    }
-
-    /// Waits until everything is written, no longer than `limit`; false where it is not.
-    pub(super) fn wait(&self, limit: Duration) -> bool {
-        let (done, told) = bounded(1);
-        self.jobs.send_timeout(WriteRequest::Told(done), limit).is_ok() && told.recv_timeout(limit).is_ok()
-    }
-
-    /// Why the last one could not be written.
-    pub(super) fn problem(&self) -> Option<String> {
-        self.problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    /// The last word; then everything is written and the thread has ended.
-    pub(super) fn finish(self, last: Option<Vec<u8>>) {
-        let Self { jobs, thread, .. } = self;
-        if let Some(text) = last {
-            let _ = jobs.send(WriteRequest::Write(text));
-        }
-        drop(jobs);
-        let _ = thread.join();
-    }
-}
-
 /// What the estimator has learned, as it is kept.
 pub(super) fn text(
     machine: &str,
@@ -131,31 +64,39 @@ pub(super) fn text(
     Ok(text)
 }
 
-/// Puts back what was kept; gives what should be known about it.
+/// Puts back what was kept; gives what should be known about it. `is_behind`: the disk has not taken what was learned, or
+/// ordered forgotten, since.
 pub(super) fn restore(
     directory: &Path,
-    machine: &str,
-    model_hash: &str,
+    (machine, model_hash): (&str, &str),
     estimator: &mut LiveEstimator,
     now: SystemTime,
-) -> Vec<String> {
+    is_behind: bool,
+) -> Option<Note> {
     let path = directory.join(FILE);
     let text = match read_regular(&path, BYTES_MAX) {
         Ok(text) => text,
-        Err(e) if e.kind() == ErrorKind::NotFound => return Vec::new(),
-        Err(e) => return vec![format!("{}: {e}; maps begin at the offline map", path.display())],
+        Err(e) if e.kind() == ErrorKind::NotFound => return None,
+        Err(e) => {
+            return Some(Note::plain(format!("{}: {e}; maps begin at the offline map", path.display())));
+        }
     };
-    let aside = |why: &str, word: &str| {
-        let kept = match set_aside(&RealDisk, &path, word) {
-            Ok(aside) => format!("kept as {}", aside.display()),
-            Err(e) => format!("and could not be set aside: {e}"),
-        };
-        vec![format!("VC-8013: {}: {why}; {kept}, maps begin at the offline map", path.display())]
+    let restored = if is_behind {
+        Err(("the disk has not taken what came after it".to_owned(), "behind"))
+    } else {
+        restore_text(&text, machine, model_hash, estimator, now)
     };
-    match restore_text(&text, machine, model_hash, estimator, now) {
-        Ok(note) => vec![note],
-        Err((why, word)) => aside(&why, word),
-    }
+    Some(match restored {
+        Ok(note) => Note::plain(note),
+        Err((why, word)) => {
+            let kept = match set_aside(&RealDisk, &path, word) {
+                Ok(aside) => format!("kept as {}", aside.display()),
+                Err(e) => format!("and could not be set aside: {e}"),
+            };
+            let text = format!("{}: {why}; {kept}, maps begin at the offline map", path.display());
+            Note::numbered(Code::LEARNED_STATE_REFUSED, text)
+        }
+    })
 }
 
 /// Puts a kept text back into the estimator; gives a note, or why not and a word for it.
@@ -197,7 +138,10 @@ fn parse(text: &[u8], now: SystemTime) -> Result<Kept, String> {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::sync::Arc;
+    use std::time::Duration;
 
+    use super::super::map_writer::Writer;
     use super::*;
     use volcomp_estimate::live::{LiveModel, LiveSpec, MapSpec};
     use volcomp_model::curve::Live;
@@ -215,40 +159,32 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_refuses_is_told_and_one_that_is_well_again_too() {
-        let folder = tempfile::tempdir().unwrap();
-        let directory = folder.path().join("state");
-        let writer = Writer::start(&directory).unwrap();
-        let limit = Duration::from_secs(10);
-        assert!(writer.write(b"{}".to_vec()) && writer.wait(limit));
-        assert!(writer.problem().unwrap().contains(FILE));
-        fs::create_dir(&directory).unwrap();
-        assert!(writer.write(b"{}".to_vec()) && writer.wait(limit));
-        assert_eq!(writer.problem(), None);
-        writer.finish(None);
-    }
-
-    #[test]
     fn what_was_kept_comes_back_and_anything_else_is_set_aside_and_told() {
         let folder = tempfile::tempdir().unwrap();
         let now = SystemTime::now();
         let hash = "abc";
         let mut it = estimator();
-        assert!(restore(folder.path(), "m", hash, &mut it, now).is_empty(), "nothing there");
+        assert_eq!(restore(folder.path(), ("m", hash), &mut it, now, false), None, "nothing there");
         let mut kept = it.kept();
         kept[0].values[2] = (3e-6, 1e-6);
         assert!(it.restore(&kept, 0.0).is_empty());
         let writer = Writer::start(folder.path()).unwrap();
-        assert!(writer.write(text("m", hash, &it, now).unwrap()) && writer.wait(Duration::from_secs(10)));
+        writer.write(text("m", hash, &it, now).unwrap());
+        assert!(writer.wait(Duration::from_secs(10)));
         assert_eq!(writer.problem(), None);
         writer.finish(Some(text("m", hash, &it, now).unwrap()));
         let mut other = estimator();
-        let notes = restore(folder.path(), "m", hash, &mut other, now);
-        assert!(notes[0].contains("continues"), "{notes:?}");
+        let note = restore(folder.path(), ("m", hash), &mut other, now, false).unwrap();
+        assert!(note.code.is_none() && note.text.contains("continues"), "{note}");
         assert!((other.kept()[0].values[2].0 - 3e-6).abs() < 1e-15);
 
         let path = folder.path().join(FILE);
         let good = fs::read_to_string(&path).unwrap();
+        // a map that was forgotten since must not come back with a change of the model
+        let mut fresh = estimator();
+        let note = restore(folder.path(), ("m", hash), &mut fresh, now, true).unwrap();
+        assert!(note.text.contains("behind") && !path.exists(), "{note}");
+        assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0));
         // files of earlier versions have these keys
         let keys = ["maps", "growths", "name", "components", "nodes_mm", "values", "evidence"];
         assert!(keys.iter().all(|key| good.contains(&format!("\"{key}\":"))), "{good}");
@@ -262,8 +198,8 @@ mod tests {
         ] {
             fs::write(&path, &kept).unwrap();
             let mut fresh = estimator();
-            let notes = restore(folder.path(), machine, model, &mut fresh, now);
-            assert!(notes[0].contains(words) && !path.exists(), "{words}: {notes:?}");
+            let note = restore(folder.path(), (machine, model), &mut fresh, now, false).unwrap();
+            assert!(note.text.contains(words) && !path.exists(), "{words}: {note}");
             assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0));
         }
     }
@@ -285,13 +221,13 @@ mod tests {
             // what a write that was cut off leaves beside it
             fs::write(folder.path().join("live.json.tmp"), &good).unwrap();
             let mut fresh = estimator();
-            let notes = restore(folder.path(), "m", "abc", &mut fresh, now);
+            let note = restore(folder.path(), ("m", "abc"), &mut fresh, now, false).unwrap();
             if bytes.len() + 1 == good.len() && k + 1 == good.len() {
                 // without its line feed it is whole
-                assert!(notes[0].contains("continues"), "{notes:?}");
+                assert!(note.text.contains("continues"), "{note}");
                 continue;
             }
-            assert!(notes[0].starts_with("VC-8013"), "{k}: {notes:?}");
+            assert!(note.to_string().starts_with("VC-8013: "), "{k}: {note}");
             assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0), "{k}");
         }
     }

@@ -4,8 +4,7 @@
 //! each, a few per second). Few connections, bounded messages; a full queue drops a reading and counts it.
 
 use std::io;
-use std::net::SocketAddr;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -19,10 +18,10 @@ use tracing::{info, warn};
 
 use super::super::clock::Clock;
 use super::super::logging::LogLimiter;
-use super::Arrived;
 use super::configured::ConfiguredSensor;
 use super::lock_step::EstimatorTime;
 use super::wire::{Heard, Said, Stream};
+use super::{Arrived, Lost};
 use volcomp_units::MonoTime;
 
 /// Connections at the same time.
@@ -42,7 +41,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 #[derive(Debug, Clone)]
 struct Common {
     readings: Sender<Arrived>,
-    dropped: Arc<AtomicU64>,
+    lost: Arc<Lost>,
     known: Arc<[ConfiguredSensor]>,
     clock: Clock,
     time: EstimatorTime,
@@ -65,20 +64,17 @@ pub(crate) struct Listener {
 }
 
 impl Listener {
-    /// Binds `address`; needs the event loop. A connection that says nothing for `idle` is closed.
-    pub(crate) async fn bind(
-        address: SocketAddr,
-        readings: Sender<Arrived>,
-        dropped: Arc<AtomicU64>,
-        known: Arc<[ConfiguredSensor]>,
+    /// On a socket that is bound; needs the event loop. A connection that says nothing for `idle` is closed.
+    pub(crate) fn new(
+        socket: std::net::TcpListener,
+        (readings, lost, known): (Sender<Arrived>, Arc<Lost>, Arc<[ConfiguredSensor]>),
         (clock, time): (Clock, EstimatorTime),
         idle: Duration,
     ) -> io::Result<Self> {
-        let listener = TcpListener::bind(address).await?;
-        info!(%address, "sensors connect here");
+        let listener = TcpListener::from_std(socket)?;
         let limiter = || Arc::new(Mutex::new(LogLimiter::new(LINES, LINES_PAUSE)));
         let (connections, mistakes) = (limiter(), limiter());
-        let common = Common { readings, dropped, known, clock, time, idle, connections, mistakes };
+        let common = Common { readings, lost, known, clock, time, idle, connections, mistakes };
         Ok(Self { listener, common })
     }
 
@@ -186,13 +182,14 @@ impl Connection<'_> {
         // one of another kind is passed on, too: the status names the sensor that says it
         let objection = known.objection(&reading);
         if self.common.readings.try_send(Arrived { now, sensor, reading }).is_err() {
-            self.common.dropped.fetch_add(1, Relaxed);
+            self.common.lost.dropped.fetch_add(1, Relaxed);
         }
         objection
     }
 
-    /// Tells the sensor what is wrong, not too often.
+    /// Counts a message that is refused and tells the sensor what is wrong, not too often.
     async fn complain(&mut self, stream: &mut TcpStream, problem: &str) {
+        self.common.lost.refused.fetch_add(1, Relaxed);
         let (since, count) = &mut self.complaints;
         if since.elapsed() >= Duration::from_secs(1) {
             (*since, *count) = (Instant::now(), 0);

@@ -19,6 +19,10 @@ pub(super) const MESSAGE_MAX: usize = 64 * 1024;
 const POINTS_MAX: usize = 500;
 /// Largest difference of a covariance from its mirror image, as a share of the two standard deviations: rounding.
 const SYMMETRY: f64 = 1e-6;
+/// Largest difference of the length of a unit vector from 1.
+const UNIT_TOLERANCE: f64 = 1e-3;
+/// Longest piece of a line that an answer quotes, bytes.
+const QUOTE_MAX: usize = 20;
 /// Begin of a binary message.
 const MAGIC: [u8; 4] = *b"VCS1";
 /// Bytes before the name.
@@ -41,11 +45,11 @@ pub(super) enum WireError {
         /// Its kind.
         kind: u8,
         /// What is wrong.
-        text: &'static str,
+        text: String,
     },
     /// The stream cannot be followed any more.
     #[error("{0}; the connection is closed")]
-    Lost(&'static str),
+    Lost(String),
 }
 
 impl WireError {
@@ -99,7 +103,7 @@ impl Stream {
             let end = self.bytes.iter().position(|b| *b == b'\n');
             // the same wherever the line was cut on its way
             if end.unwrap_or(self.bytes.len()) > MESSAGE_MAX {
-                return Some(Err(WireError::Lost("a line has no end")));
+                return Some(Err(WireError::Lost(format!("a line is longer than {MESSAGE_MAX} bytes"))));
             }
             let end = end?;
             let line: Vec<u8> = self.bytes.drain(..=end).collect();
@@ -116,13 +120,16 @@ impl Stream {
     fn binary(&mut self) -> Option<Result<Said, WireError>> {
         let head = self.bytes.get(..HEAD)?;
         if head[..4] != MAGIC {
-            return Some(Err(WireError::Lost("neither a JSON line nor a binary message")));
+            let begin = head[..4].escape_ascii();
+            let text = format!("\"{begin}\" begins neither a JSON line nor a binary message (VCS1)");
+            return Some(Err(WireError::Lost(text)));
         }
         let (kind, name) = (head[4], usize::from(head[5]));
         let count = usize::from(u16::from_le_bytes([head[6], head[7]]));
         let length = HEAD + name + 8 * count + 4;
         if length > MESSAGE_MAX {
-            return Some(Err(WireError::Lost("a binary message is too long")));
+            let text = format!("a binary message has {length} bytes, {MESSAGE_MAX} at most are taken");
+            return Some(Err(WireError::Lost(text)));
         }
         if self.bytes.len() < length {
             return None;
@@ -130,11 +137,12 @@ impl Stream {
         let message: Vec<u8> = self.bytes.drain(..length).collect();
         let (content, sum) = message.split_at(length - 4);
         if crc32c::crc32c(content).to_le_bytes() != sum {
-            return Some(Err(WireError::Lost("the check sum of a binary message is wrong")));
+            return Some(Err(WireError::Lost("the check sum of a binary message is wrong".to_owned())));
         }
         let wrong = |text| WireError::Binary { kind, text };
         let Ok(sensor) = core::str::from_utf8(&content[HEAD..HEAD + name]) else {
-            return Some(Err(wrong("the name is not UTF-8")));
+            let name = content[HEAD..HEAD + name].escape_ascii();
+            return Some(Err(wrong(format!("the name \"{name}\" is not UTF-8"))));
         };
         let numbers: Vec<f64> = content[HEAD + name..]
             .chunks_exact(8)
@@ -142,10 +150,7 @@ impl Stream {
             .collect();
         let stamp_ns = i64::from_le_bytes(core::array::from_fn(|k| content[8 + k]));
         let quality = f64::from(f32::from_le_bytes(core::array::from_fn(|k| content[16 + k])));
-        if !is_share(quality) {
-            return Some(Err(wrong("the quality is not from 0 to 1")));
-        }
-        let body = binary_body(kind, &numbers).map_err(wrong);
+        let body = share(quality).and_then(|_| binary_body(kind, &numbers)).map_err(wrong);
         let sensor = sensor.to_owned();
         Some(body.map(|body| Said { sensor, reading: Reading { stamp_ns, quality, body } }))
     }
@@ -155,94 +160,132 @@ fn vector(v: &[f64]) -> Vec3 {
     Vec3::new(v[0], v[1], v[2])
 }
 
-fn binary_body(kind: u8, n: &[f64]) -> Result<Body, &'static str> {
+fn binary_body(kind: u8, n: &[f64]) -> Result<Body, String> {
     let seen = |absolute: bool, v: Vec3| if absolute { Seen::Absolute(v) } else { Seen::Deviation(v) };
     match kind {
         1 | 2 => {
             if n.len() != 6 && n.len() != 42 {
-                return Err("6 or 42 numbers are needed");
+                return Err(format!("it has {} numbers, 6 or 42 are needed", n.len()));
             }
-            finite(&n[..3])?;
-            finite(&n[6..])?;
             let direction = if n[3..6].iter().all(|v| v.is_nan()) {
+                finite(n, |k| !(3..6).contains(&k))?;
                 None
             } else {
-                finite(&n[3..6])?;
+                finite(n, |_| true)?;
                 let direction = vector(&n[3..6]);
-                Some(seen(kind == 1, if kind == 1 { unit(direction)? } else { direction }))
+                Some(seen(kind == 1, if kind == 1 { unit("the direction", direction)? } else { direction }))
             };
             let covariance = n.get(6..42).map(Matrix6::from_row_slice);
-            if covariance.is_some_and(|c| asymmetry(&c).is_some()) {
-                return Err("the covariance is not symmetric");
+            if let Some(covariance) = &covariance {
+                symmetric(covariance, |i, j| covariance[(i, j)])?;
             }
             Ok(Body::Tool(ToolReading { tip: seen(kind == 1, vector(n)), direction, covariance }))
         }
         3 | 4 => {
             if n.is_empty() || !n.len().is_multiple_of(7) || n.len() > 7 * POINTS_MAX {
-                return Err("7 numbers per point are needed, of 1 to 500 points");
+                return Err(format!(
+                    "it has {} numbers, 7 for each of 1 to {POINTS_MAX} points are needed",
+                    n.len()
+                ));
             }
-            finite(n)?;
-            if n.chunks_exact(7).any(|p| p[6] < 0.0) {
-                return Err("a standard deviation is below 0");
-            }
-            let point = |p: &[f64]| PointReading {
-                offset: vector(p),
-                position: seen(kind == 3, vector(&p[3..])),
-                std: (p[6] > 0.0).then_some(p[6]),
+            finite(n, |_| true)?;
+            let point = |p: &[f64]| {
+                Ok(PointReading {
+                    offset: vector(p),
+                    position: seen(kind == 3, vector(&p[3..])),
+                    std: stated("the standard deviation", p[6])?,
+                })
             };
-            Ok(Body::Points(n.chunks_exact(7).map(point).collect()))
+            Ok(Body::Points(n.chunks_exact(7).map(point).collect::<Result<_, String>>()?))
         }
         5 => {
             let [x, y, z, value, std] = fixed(n)?;
-            let direction = unit(Vec3::new(x, y, z))?;
-            if std < 0.0 {
-                return Err("a standard deviation is below 0");
-            }
-            Ok(Body::Deviation { direction, value, std: (std > 0.0).then_some(std) })
+            let direction = unit("the direction", Vec3::new(x, y, z))?;
+            Ok(Body::Deviation { direction, value, std: stated("the standard deviation", std)? })
         }
         6 => Ok(Body::FiveDof(fixed(n)?)),
         7 => {
             let [distance, c @ ..] = fixed::<11>(n)?;
             Ok(Body::FiveDofRaw(Readings {
-                distance,
+                distance: ahead("the distance", distance)?,
                 change: core::array::from_fn(|d| [c[2 * d], c[2 * d + 1]]),
             }))
         }
         8 => Ok(Body::Value { value: fixed::<1>(n)?[0], unit: None }),
         9 => {
-            finite(n)?;
-            if n.is_empty() || n.len() > VALUES_MAX {
-                return Err("1 to 16 temperatures are taken");
-            }
+            finite(n, |_| true)?;
+            counted("it", n.len(), VALUES_MAX)?;
             Ok(Body::Temperatures(n.to_vec()))
         }
         10 => Ok(Body::Speed(fixed::<1>(n)?[0])),
-        _ => Err("this kind is not known"),
+        _ => Err("this kind is not known, 1 to 10 are".to_owned()),
     }
 }
 
-fn finite(n: &[f64]) -> Result<(), &'static str> {
-    if n.iter().all(|v| v.is_finite()) { Ok(()) } else { Err("a number is not finite") }
+/// Whether the numbers at the places that are looked at are finite.
+fn finite(n: &[f64], looked_at: impl Fn(usize) -> bool) -> Result<(), String> {
+    match n.iter().enumerate().find(|(k, v)| looked_at(*k) && !v.is_finite()) {
+        Some((k, v)) => Err(format!("number {} is {v}, which is not finite", k + 1)),
+        None => Ok(()),
+    }
 }
 
-fn fixed<const N: usize>(n: &[f64]) -> Result<[f64; N], &'static str> {
-    finite(n)?;
-    <[f64; N]>::try_from(n).map_err(|_| "another number of numbers is needed")
+fn fixed<const N: usize>(n: &[f64]) -> Result<[f64; N], String> {
+    finite(n, |_| true)?;
+    numbers("it", n)
 }
 
-fn is_share(quality: f64) -> bool {
-    (0.0..=1.0).contains(&quality)
+/// As many numbers as are needed.
+fn numbers<const N: usize>(what: &str, n: &[f64]) -> Result<[f64; N], String> {
+    <[f64; N]>::try_from(n).map_err(|_| match n.len() {
+        1 => format!("{what} has 1 number, {N} are needed"),
+        count => format!("{what} has {count} numbers, {N} {} needed", if N == 1 { "is" } else { "are" }),
+    })
 }
 
-/// Row and column, from 1, of a number that differs from its mirror image by more than rounding.
-fn asymmetry(c: &Matrix6<f64>) -> Option<(usize, usize)> {
+fn share(quality: f64) -> Result<f64, String> {
+    if (0.0..=1.0).contains(&quality) {
+        return Ok(quality);
+    }
+    Err(format!("quality is {quality}, 0 (unusable) to 1 (best) is taken"))
+}
+
+/// A stated standard deviation; 0 states none.
+fn stated(what: &str, std: f64) -> Result<Option<f64>, String> {
+    if std < 0.0 {
+        return Err(format!("{what} is {std}, 0 (not stated) or more is taken"));
+    }
+    Ok((std > 0.0).then_some(std))
+}
+
+/// The distance from a laser head to its carriage, mm.
+fn ahead(what: &str, distance: f64) -> Result<f64, String> {
+    if distance > 0.0 {
+        return Ok(distance);
+    }
+    Err(format!("{what} is {distance} mm; from the head to the carriage it is above 0"))
+}
+
+/// Whether no number of a covariance differs from its mirror image by more than rounding; `said`: a number as it was sent.
+fn symmetric(c: &Matrix6<f64>, said: impl Fn(usize, usize) -> f64) -> Result<(), String> {
     let pairs = (0..6).flat_map(|i| (0..i).map(move |j| (i, j)));
     let differs = |(i, j)| (c[(i, j)] - c[(j, i)]).abs() > SYMMETRY * (c[(i, i)] * c[(j, j)]).abs().sqrt();
-    pairs.into_iter().find(|at| differs(*at)).map(|(i, j)| (i + 1, j + 1))
+    let Some((i, j)) = pairs.into_iter().find(|at| differs(*at)) else { return Ok(()) };
+    let (row, column, a, b) = (i + 1, j + 1, said(i, j), said(j, i));
+    Err(format!(
+        "covariance is not symmetric: row {row}, column {column} is {a}, and row {column}, column {row} is {b}"
+    ))
 }
 
-fn unit(v: Vec3) -> Result<Vec3, &'static str> {
-    if (v.norm() - 1.0).abs() < 1e-3 { Ok(v.normalize()) } else { Err("the direction is not a unit vector") }
+fn unit(what: &str, v: Vec3) -> Result<Vec3, String> {
+    let length = v.norm();
+    if (length - 1.0).abs() < UNIT_TOLERANCE {
+        return Ok(v.normalize());
+    }
+    let [x, y, z] = [v.x, v.y, v.z];
+    Err(format!(
+        "{what} [{x}, {y}, {z}] has the length {length:.4}; a unit vector is needed, within {UNIT_TOLERANCE}"
+    ))
 }
 
 #[derive(Deserialize)]
@@ -268,10 +311,10 @@ struct Line {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Pose {
-    tip_mm: Option<[f64; 3]>,
-    tip_deviation_um: Option<[f64; 3]>,
-    direction: Option<[f64; 3]>,
-    direction_deviation_arcsec: Option<[f64; 3]>,
+    tip_mm: Option<Vec<f64>>,
+    tip_deviation_um: Option<Vec<f64>>,
+    direction: Option<Vec<f64>>,
+    direction_deviation_arcsec: Option<Vec<f64>>,
     /// Tip in um, direction in arcsec, row by row.
     covariance: Option<Vec<f64>>,
 }
@@ -279,9 +322,9 @@ struct Pose {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Point {
-    offset_mm: [f64; 3],
-    position_mm: Option<[f64; 3]>,
-    deviation_um: Option<[f64; 3]>,
+    offset_mm: Vec<f64>,
+    position_mm: Option<Vec<f64>>,
+    deviation_um: Option<Vec<f64>>,
     std_um: Option<f64>,
 }
 
@@ -290,14 +333,14 @@ struct Point {
 struct Circle {
     /// Centre of the circle on the tool's axis of rotation, from the tip towards the spindle.
     height_mm: f64,
-    centre_mm: [f64; 3],
+    centre_mm: Vec<f64>,
     std_um: Option<f64>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Deviation {
-    direction: [f64; 3],
+    direction: Vec<f64>,
     value_um: f64,
     std_um: Option<f64>,
 }
@@ -316,11 +359,11 @@ struct FiveDof {
 #[serde(deny_unknown_fields)]
 struct Raw {
     distance_mm: f64,
-    psd1_um: [f64; 2],
-    psd2_um: [f64; 2],
-    psd3_um: [f64; 2],
-    qd1_um: [f64; 2],
-    qd2_um: [f64; 2],
+    psd1_um: Vec<f64>,
+    psd2_um: Vec<f64>,
+    psd3_um: Vec<f64>,
+    qd1_um: Vec<f64>,
+    qd2_um: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -334,9 +377,31 @@ fn parse_line(text: &[u8]) -> Result<Heard, String> {
         Ok(line) => reading_of(line).map(Heard::Reading),
         Err(problem) => match serde_json::from_slice(text) {
             Ok(Sync { sync }) => Ok(Heard::Sync(sync)),
-            Err(_) => Err(problem.to_string()),
+            Err(_) => Err(in_words(&problem, text)),
         },
     }
+}
+
+/// What is wrong with a line, where, and what stands there; the number of the line is that of the connection.
+fn in_words(problem: &serde_json::Error, line: &[u8]) -> String {
+    let (full, column) = (problem.to_string(), problem.column());
+    let place = format!(" at line {} column {column}", problem.line());
+    let what = full.strip_suffix(&place).unwrap_or(&full);
+    let is_word = |b: &u8| b.is_ascii_alphanumeric() || b"+-._".contains(b);
+    let at = column.saturating_sub(1).min(line.len());
+    let begin = line[..at].iter().rposition(|b| !is_word(b)).map_or(0, |k| k + 1);
+    let word = line[begin..].iter().take_while(|b| is_word(b)).take(QUOTE_MAX).count();
+    let found = String::from_utf8_lossy(&line[begin..begin + word]);
+    let is_about_a_word = what.starts_with("expected") || what.contains("number");
+    if !problem.is_syntax() || !is_about_a_word || found.is_empty() {
+        return format!("column {column}: {what}");
+    }
+    let remedy = if ["nan", "inf"].iter().any(|name| found.to_ascii_lowercase().contains(name)) {
+        "; JSON has finite numbers only"
+    } else {
+        ""
+    };
+    format!("column {column}: {what}, found `{found}`{remedy}")
 }
 
 fn reading_of(line: Line) -> Result<Said, String> {
@@ -346,10 +411,7 @@ fn reading_of(line: Line) -> Result<Said, String> {
         _ => return Err("write either t_s or t_ns, the time of the reading on the sensor's clock".to_owned()),
     };
     let sensor = line.sensor.clone();
-    let quality = line.quality.unwrap_or(1.0);
-    if !is_share(quality) {
-        return Err(format!("quality is {quality}, 0 (unusable) to 1 (best) is taken"));
-    }
+    let quality = share(line.quality.unwrap_or(1.0))?;
     let mut bodies = bodies_of(line)?;
     match (bodies.pop(), bodies.is_empty()) {
         (Some(body), true) => Ok(Said { sensor, reading: Reading { stamp_ns, quality, body } }),
@@ -360,7 +422,6 @@ fn reading_of(line: Line) -> Result<Said, String> {
 }
 
 fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
-    let um = |v: [f64; 3]| Vec3::from(v) / 1e3;
     let mut bodies = Vec::new();
     if let Some(pose) = line.pose {
         bodies.push(Body::Tool(tool(&pose)?));
@@ -370,10 +431,12 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
         let points: Result<Vec<_>, String> = points
             .iter()
             .map(|p| {
-                let position = one_of(p.position_mm.map(Vec3::from), p.deviation_um.map(um))
-                    .ok_or("a point has either position_mm or deviation_um")?;
+                let absolute = given("position_mm", p.position_mm.as_deref())?;
+                let deviation = given("deviation_um", p.deviation_um.as_deref())?.map(|v| v / 1e3);
+                let position =
+                    one_of(absolute, deviation).ok_or("a point has either position_mm or deviation_um")?;
                 let std = std_of(p.std_um)?;
-                Ok(PointReading { offset: Vec3::from(p.offset_mm), position, std })
+                Ok(PointReading { offset: three("offset_mm", &p.offset_mm)?, position, std })
             })
             .collect();
         bodies.push(Body::Points(points?));
@@ -383,14 +446,14 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
         let centre = |c: &Circle| {
             Ok(PointReading {
                 offset: Vec3::new(0.0, 0.0, c.height_mm),
-                position: Seen::Absolute(Vec3::from(c.centre_mm)),
+                position: Seen::Absolute(three("centre_mm", &c.centre_mm)?),
                 std: std_of(c.std_um)?,
             })
         };
         bodies.push(Body::Points(circles.iter().map(centre).collect::<Result<_, String>>()?));
     }
     for d in line.deviation.iter().chain(&line.probe) {
-        let direction = unit(Vec3::from(d.direction))?;
+        let direction = unit("direction", three("direction", &d.direction)?)?;
         let std = std_of(d.std_um)?;
         bodies.push(Body::Deviation { direction, value: mm_from_um(d.value_um), std });
     }
@@ -399,8 +462,16 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
         bodies.push(Body::FiveDof([mm_from_um(f.ey_um), mm_from_um(f.ez_um), a, b, c]));
     }
     if let Some(r) = line.five_dof_raw {
-        let change = [r.psd1_um, r.psd2_um, r.psd3_um, r.qd1_um, r.qd2_um].map(|d| d.map(mm_from_um));
-        bodies.push(Body::FiveDofRaw(Readings { distance: r.distance_mm, change }));
+        let pair = |what, um: &[f64]| Ok::<_, String>(numbers::<2>(what, um)?.map(mm_from_um));
+        let change = [
+            pair("psd1_um", &r.psd1_um)?,
+            pair("psd2_um", &r.psd2_um)?,
+            pair("psd3_um", &r.psd3_um)?,
+            pair("qd1_um", &r.qd1_um)?,
+            pair("qd2_um", &r.qd2_um)?,
+        ];
+        let distance = ahead("distance_mm", r.distance_mm)?;
+        bodies.push(Body::FiveDofRaw(Readings { distance, change }));
     }
     let value = |value: f64, unit: Kind| Body::Value { value, unit: Some(unit) };
     bodies.extend(line.value_um.map(|v| value(mm_from_um(v), Kind::Length)));
@@ -415,10 +486,16 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
 
 /// A stated noise, mm; 0 states none.
 fn std_of(um: Option<f64>) -> Result<Option<f64>, String> {
-    match um {
-        Some(um) if um < 0.0 => Err(format!("std_um is {um}, 0 (not stated) or more is taken")),
-        um => Ok(um.filter(|um| *um > 0.0).map(mm_from_um)),
-    }
+    Ok(stated("std_um", um.unwrap_or(0.0))?.map(mm_from_um))
+}
+
+fn three(what: &str, list: &[f64]) -> Result<Vec3, String> {
+    numbers::<3>(what, list).map(Vec3::from)
+}
+
+/// Three numbers, where they are there.
+fn given(what: &str, list: Option<&[f64]>) -> Result<Option<Vec3>, String> {
+    list.map(|list| three(what, list)).transpose()
 }
 
 /// A list must say something, and no more than is taken.
@@ -439,11 +516,13 @@ fn one_of(absolute: Option<Vec3>, deviation: Option<Vec3>) -> Option<Seen> {
 }
 
 fn tool(pose: &Pose) -> Result<ToolReading, String> {
-    let deviation = pose.tip_deviation_um.map(|v| Vec3::from(v) / 1e3);
-    let tip = one_of(pose.tip_mm.map(Vec3::from), deviation)
+    let deviation = given("tip_deviation_um", pose.tip_deviation_um.as_deref())?.map(|v| v / 1e3);
+    let tip = one_of(given("tip_mm", pose.tip_mm.as_deref())?, deviation)
         .ok_or("a pose has either tip_mm or tip_deviation_um")?;
-    let turned = pose.direction_deviation_arcsec.map(|v| Vec3::from(v.map(rad_from_arcsec)));
-    let absolute = pose.direction.map(|v| unit(Vec3::from(v))).transpose()?;
+    let turned = given("direction_deviation_arcsec", pose.direction_deviation_arcsec.as_deref())?;
+    let turned = turned.map(|v| v.map(rad_from_arcsec));
+    let absolute = given("direction", pose.direction.as_deref())?;
+    let absolute = absolute.map(|v| unit("direction", v)).transpose()?;
     let direction = match (absolute, turned) {
         (None, None) => None,
         (a, d) => Some(one_of(a, d).ok_or("a pose has either direction or direction_deviation_arcsec")?),
@@ -453,12 +532,7 @@ fn tool(pose: &Pose) -> Result<ToolReading, String> {
         Some(list) if list.len() == 36 => {
             let unit = |k: usize| if k < 3 { mm_from_um(1.0) } else { rad_from_arcsec(1.0) };
             let covariance = Matrix6::from_fn(|i, j| list[6 * i + j] * unit(i) * unit(j));
-            if let Some((row, column)) = asymmetry(&covariance) {
-                let [a, b] = [(row, column), (column, row)].map(|(i, j)| list[6 * (i - 1) + j - 1]);
-                return Err(format!(
-                    "covariance is not symmetric: row {row}, column {column} is {a}, and row {column}, column {row} is {b}"
-                ));
-            }
+            symmetric(&covariance, |i, j| list[6 * i + j])?;
             Some(covariance)
         }
         Some(list) => return Err(format!("covariance has {} numbers, 36 are needed", list.len())),
@@ -467,217 +541,4 @@ fn tool(pose: &Pose) -> Result<ToolReading, String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The next reading.
-    fn next(stream: &mut Stream) -> Option<Result<Said, WireError>> {
-        stream.next().map(|heard| {
-            heard.map(|heard| match heard {
-                Heard::Reading(said) => said,
-                Heard::Sync(number) => panic!("sync {number}"),
-            })
-        })
-    }
-
-    #[test]
-    fn a_sync_is_told_from_readings_and_nothing_else_stands_beside_it() {
-        let heard = |line: &str| {
-            let mut stream = Stream::default();
-            stream.push(format!("{line}\n").as_bytes());
-            stream.next().unwrap()
-        };
-        assert_eq!(heard("{\"sync\": 7}"), Ok(Heard::Sync(7)));
-        assert!(heard("{\"sync\": -7}").is_err() && heard("{\"sync\": 7, \"sensor\": \"a\"}").is_err());
-    }
-
-    fn one(text: &str) -> Result<Said, WireError> {
-        let mut stream = Stream::default();
-        stream.push(text.as_bytes());
-        stream.push(b"\n");
-        next(&mut stream).expect("a message")
-    }
-
-    fn binary(kind: u8, name: &str, numbers: &[f64]) -> Vec<u8> {
-        let mut bytes = MAGIC.to_vec();
-        bytes.push(kind);
-        bytes.push(u8::try_from(name.len()).unwrap());
-        bytes.extend(u16::try_from(numbers.len()).unwrap().to_le_bytes());
-        bytes.extend(12_345_678_901_i64.to_le_bytes());
-        bytes.extend(0.5_f32.to_le_bytes());
-        bytes.extend(name.as_bytes());
-        numbers.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
-        let sum = crc32c::crc32c(&bytes);
-        bytes.extend(sum.to_le_bytes());
-        bytes
-    }
-
-    #[test]
-    fn json_arrives_in_mm_and_rad() {
-        let said = one(
-            r#"{"sensor": "t", "t_s": 1.5, "pose": {"tip_deviation_um": [1, 2, 3], "direction": [0, 0, 1]}}"#,
-        )
-        .unwrap();
-        assert_eq!(
-            (said.sensor.as_str(), said.reading.stamp_ns, said.reading.quality),
-            ("t", 1_500_000_000, 1.0)
-        );
-        let Body::Tool(tool) = said.reading.body else { panic!("a pose") };
-        assert_eq!(tool.tip, Seen::Deviation(Vec3::new(0.001, 0.002, 0.003)));
-        assert_eq!(tool.direction, Some(Seen::Absolute(Vec3::z())));
-        let said =
-            one(r#"{"sensor": "p", "t_ns": 7, "probe": {"direction": [0, 1, 0], "value_um": -4}}"#).unwrap();
-        assert_eq!(said.reading.body, Body::Deviation { direction: Vec3::y(), value: -0.004, std: None });
-        let circles = r#"{"sensor": "t", "t_ns": 7, "circles": [{"height_mm": 20, "centre_mm": [1, 2, 3]}]}"#;
-        let Body::Points(points) = one(circles).unwrap().reading.body else { panic!("points") };
-        assert_eq!(points[0].offset, Vec3::new(0.0, 0.0, 20.0));
-        let said = one(r#"{"sensor": "a", "t_ns": 7, "temperature_degc": [20.5, 21]}"#).unwrap();
-        assert_eq!(said.reading.body, Body::Temperatures(vec![20.5, 21.0]));
-        let said = one(r#"{"sensor": "s", "t_ns": 7, "speed_rpm": -3000}"#).unwrap();
-        assert_eq!(said.reading.body, Body::Speed(-3000.0));
-    }
-
-    #[test]
-    fn mistakes_are_told_and_cost_one_line() {
-        for (text, words) in [
-            (r#"{"sensor": "t", "pose": {"tip_mm": [1, 2, 3]}}"#, "t_s or t_ns"),
-            (r#"{"sensor": "t", "t_s": 1}"#, "exactly one of"),
-            (r#"{"sensor": "t", "t_s": 1, "value_um": 1, "value_arcsec": 1}"#, "exactly one of"),
-            (r#"{"sensor": "t", "t_s": 1, "value_mm": 1}"#, "unknown field"),
-            (r#"{"sensor": "t", "t_s": 1, "pose": {}}"#, "either tip_mm"),
-            (
-                r#"{"sensor": "t", "t_s": 1, "deviation": {"direction": [1, 1, 0], "value_um": 1}}"#,
-                "unit vector",
-            ),
-            (r#"{"sensor": "t", "t_s": 1, "pose": {"tip_mm": [1, 2, 3], "covariance": [1]}}"#, "36"),
-            (
-                r#"{"sensor": "t", "t_s": 1, "value_um": 1, "quality": 1.5}"#,
-                "quality is 1.5, 0 (unusable) to 1",
-            ),
-            (r#"{"sensor": "t", "t_s": 1, "value_um": 1, "quality": -0.1}"#, "quality is -0.1"),
-            (
-                r#"{"sensor": "t", "t_s": 1, "probe": {"direction": [0, 1, 0], "value_um": 1, "std_um": -2}}"#,
-                "std_um is -2",
-            ),
-            (
-                r#"{"sensor": "t", "t_s": 1, "points": [{"offset_mm": [0, 0, 0], "deviation_um": [1, 2, 3], "std_um": -1}]}"#,
-                "std_um is -1",
-            ),
-            (
-                r#"{"sensor": "t", "t_s": 1, "circles": [{"height_mm": 1, "centre_mm": [1, 2, 3], "std_um": -1}]}"#,
-                "std_um is -1",
-            ),
-            (
-                r#"{"sensor": "t", "t_s": 1, "pose": {"tip_mm": [1, 2, 3], "covariance": [4,0,0,0,0,0, 3,4,0,0,0,0, 0,0,4,0,0,0, 0,0,0,1,0,0, 0,0,0,0,1,0, 0,0,0,0,0,1]}}"#,
-                "covariance is not symmetric: row 2, column 1 is 3, and row 1, column 2 is 0",
-            ),
-            (r#"{"sensor": "t", "t_s": 1, "points": []}"#, "points has 0 entries"),
-            (r#"{"sensor": "t", "t_s": 1, "circles": []}"#, "circles has 0 entries"),
-            (r#"{"sensor": "t", "t_s": 1, "temperature_degc": []}"#, "1 to 16 are taken"),
-            ("nonsense", "line 1"),
-        ] {
-            let error = one(text).unwrap_err();
-            assert!(error.to_string().contains(words) && !error.is_fatal(), "{text}: {error}");
-        }
-        let mut stream = Stream::default();
-        stream.push(b"nonsense\n\n# a comment\n{\"sensor\": \"v\", \"t_ns\": 1, \"value_um\": 2}\n{\"sen");
-        assert!(next(&mut stream).unwrap().is_err());
-        assert_eq!(
-            next(&mut stream).unwrap().unwrap().reading.body,
-            Body::Value { value: 0.002, unit: Some(Kind::Length) }
-        );
-        assert!(next(&mut stream).is_none());
-    }
-
-    #[test]
-    fn both_forms_share_a_connection_and_arrive_piece_by_piece() {
-        let mut all = binary(8, "v", &[0.002]);
-        all.extend(b"{\"sensor\": \"v\", \"t_ns\": 1, \"value_um\": 2}\n");
-        let mut raw = vec![500.0];
-        raw.extend((0..10).map(f64::from));
-        all.extend(binary(7, "laser-x", &raw));
-        let mut stream = Stream::default();
-        let mut found = Vec::new();
-        for byte in all {
-            stream.push(&[byte]);
-            while let Some(said) = next(&mut stream) {
-                found.push(said.unwrap());
-            }
-        }
-        assert_eq!(found.len(), 3);
-        assert_eq!(found[0].reading.body, Body::Value { value: 0.002, unit: None });
-        assert_eq!(found[1].reading.body, Body::Value { value: 0.002, unit: Some(Kind::Length) });
-        assert_eq!((found[0].reading.stamp_ns, found[0].reading.quality), (12_345_678_901, 0.5));
-        let Body::FiveDofRaw(readings) = &found[2].reading.body else { panic!("raw") };
-        assert_eq!((readings.distance, readings.change[4]), (500.0, [8.0, 9.0]));
-    }
-
-    #[test]
-    fn every_binary_kind_is_read_and_wrong_ones_are_refused() {
-        let one = |bytes: &[u8]| {
-            let mut stream = Stream::default();
-            stream.push(bytes);
-            next(&mut stream).expect("a message")
-        };
-        let mut pose = vec![1.0, 2.0, 3.0, 0.0, 0.0, 1.0];
-        assert!(
-            matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_none())
-        );
-        let refused = |kind: u8, numbers: &[f64], words: &str| {
-            let error = one(&binary(kind, "t", numbers)).unwrap_err();
-            assert!(!error.is_fatal() && error.to_string().contains(words), "{error}");
-        };
-        for direction in [[0.0, 0.0, 0.98], [0.0, 0.1, 1.0], [0.0; 3]] {
-            pose[3..].copy_from_slice(&direction);
-            refused(1, &pose, "unit vector");
-        }
-        pose[4] = f64::NAN;
-        refused(1, &pose, "not finite");
-        pose[3..].fill(f64::NAN);
-        assert!(
-            matches!(one(&binary(2, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.direction.is_none())
-        );
-        pose.extend([f64::INFINITY; 36]);
-        refused(1, &pose, "not finite");
-        refused(9, &[], "1 to 16");
-        refused(5, &[0.0, 0.0, 1.0, 0.1, -0.1], "below 0");
-        refused(3, &[0.0, 0.0, 0.0, 1.0, 2.0, 3.0, -0.1], "below 0");
-        pose[6..].fill(1e-6);
-        pose[7] = 2e-6;
-        refused(1, &pose, "not symmetric");
-        for quality in [-0.1_f32, 1.5, f32::NAN] {
-            let mut bytes = binary(8, "t", &[1.0]);
-            bytes[16..20].copy_from_slice(&quality.to_le_bytes());
-            let end = bytes.len() - 4;
-            let sum = crc32c::crc32c(&bytes[..end]);
-            bytes[end..].copy_from_slice(&sum.to_le_bytes());
-            assert!(one(&bytes).unwrap_err().to_string().contains("from 0 to 1"), "{quality}");
-        }
-        pose[6..].fill(1e-6);
-        assert!(
-            matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_some())
-        );
-        assert!(
-            matches!(one(&binary(4, "t", &[0.0; 14])).unwrap().reading.body, Body::Points(p) if p.len() == 2)
-        );
-        assert!(matches!(one(&binary(6, "t", &[0.0; 5])).unwrap().reading.body, Body::FiveDof(_)));
-        assert_eq!(
-            one(&binary(9, "t", &[20.5, 21.0])).unwrap().reading.body,
-            Body::Temperatures(vec![20.5, 21.0])
-        );
-        assert_eq!(one(&binary(10, "t", &[3000.0])).unwrap().reading.body, Body::Speed(3000.0));
-        for (kind, count) in [(1, 5), (3, 8), (5, 5), (6, 4), (7, 10), (8, 2), (9, 17), (10, 2), (77, 1)] {
-            let error = one(&binary(kind, "t", &vec![0.0; count])).unwrap_err();
-            assert!(!error.is_fatal(), "{error}");
-        }
-        assert!(one(&binary(8, "t", &[f64::NAN])).is_err());
-        let mut broken = binary(8, "t", &[1.0]);
-        broken[22] ^= 1;
-        assert!(one(&broken).unwrap_err().is_fatal());
-        assert!(one(b"VXXX0000000000000000000000").unwrap_err().is_fatal());
-        let mut endless = vec![b'{'; MESSAGE_MAX + 1];
-        assert!(one(&endless).unwrap_err().is_fatal());
-        endless.push(b'\n');
-        assert!(one(&endless).unwrap_err().is_fatal(), "not even where its end has come as well");
-    }
-}
+mod tests;

@@ -1,8 +1,8 @@
 //! The estimator thread: beside the cycle, never in its way.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -10,20 +10,23 @@ use tracing::{info, warn};
 
 use super::super::models::Prepared;
 use super::super::recorder::HealthSlot;
+use super::changes::{log_map, log_thermal};
 use super::configured::ConfiguredSensor;
 use super::cycle_end::{EstimatorEnd, Motion};
+use super::follower::Follower;
 use super::lock_step::EstimatorTime;
-use super::{Arrived, checkpoint};
+use super::map_writer::{Saving, Writer};
+use super::{Arrived, Lost, Note, checkpoint};
 use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
 use volcomp_engine::fault::Code;
 use volcomp_estimate::live::{
-    Body, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, MotionSample, ThermalStatus,
+    Body, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, ThermalStatus,
 };
-use volcomp_estimate::{self as estimate, SensorClock};
+use volcomp_estimate::{self as estimate};
 use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{MonoTime, rad_from_deg};
+use volcomp_units::MonoTime;
+use volcomp_units::axes::AxisName;
 
 /// Readings in flight.
 const READINGS: usize = 4096;
@@ -38,6 +41,8 @@ const POLL: Duration = Duration::from_millis(4);
 const ROUND_S: f64 = 0.02;
 /// An overload counts as over after this time without a reading that was left out, s.
 const RELIEF_S: f64 = 10.0;
+/// Interval at which what the disk has not taken is written again, s; `keep-s` where that is shorter.
+const RETRY_S: f64 = 5.0;
 /// Patience with the disk where another model is loaded.
 const SWITCH_LIMIT: Duration = Duration::from_secs(1);
 /// Interval of new tables, s.
@@ -56,10 +61,21 @@ const FINISH_LIMIT: Duration = Duration::from_secs(3);
 pub(crate) enum Order {
     /// Another model is in use.
     Model(Arc<Prepared>),
-    /// A map goes back to the offline map; the answer says whether there is one of the name.
-    Forget(String, Sender<bool>),
+    /// A map goes back to the offline map.
+    Forget(String, Sender<Forgotten>),
     /// The daemon ends.
     End,
+}
+
+/// What has become of an order to forget a map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Forgotten {
+    /// It is done, and handed to the disk under this number.
+    Done(u64),
+    /// No map has this name.
+    NoSuchMap,
+    /// There is no live estimation with the model in use.
+    Unused,
 }
 
 /// The estimator, seen from the service.
@@ -68,9 +84,11 @@ pub(crate) struct Sensors {
     orders: Sender<Order>,
     ended: Receiver<()>,
     health: Arc<Mutex<FilterStatus>>,
+    /// Of what was learned; `None` where it is not written anywhere.
+    saving: Option<Saving>,
     warnings: Receiver<(Code, String)>,
     pub(crate) readings: Sender<Arrived>,
-    pub(crate) dropped: Arc<AtomicU64>,
+    pub(crate) lost: Arc<Lost>,
     pub(crate) known: Arc<[ConfiguredSensor]>,
 }
 
@@ -112,28 +130,44 @@ impl Sensors {
         let (end, ended) = bounded::<()>(1);
         let (warning_sender, warnings) = bounded(WARNINGS);
         let health = Arc::new(Mutex::new(FilterStatus::default()));
-        let dropped = Arc::new(AtomicU64::new(0));
+        let lost = Arc::<Lost>::default();
         let known: Arc<[ConfiguredSensor]> =
             start.config.spec.sensors.iter().map(ConfiguredSensor::new).collect();
         let shared = Shared {
             known: Arc::clone(&known),
             health: Arc::clone(&health),
             warnings: warning_sender,
-            dropped: Arc::clone(&dropped),
+            lost: Arc::clone(&lost),
         };
         let worker = Worker::new(start, order_receiver, reading_receiver, shared)?;
+        let saving = worker.writer.as_ref().map(Writer::saving);
         std::thread::Builder::new().name("volcomp-live".to_owned()).spawn(move || {
             let _end = end;
             worker.run();
         })?;
-        Ok(Self { orders, ended, health, warnings, readings, dropped, known })
+        Ok(Self { orders, ended, health, saving, warnings, readings, lost, known })
     }
 
     /// How it goes.
     pub(crate) fn health(&self) -> FilterStatus {
-        let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        health.dropped = self.dropped.load(Relaxed);
+        let mut health = self.lock_health().clone();
+        health.dropped = self.lost.dropped.load(Relaxed);
+        health.refused = self.lost.refused.load(Relaxed);
         health
+    }
+
+    fn lock_health(&self) -> MutexGuard<'_, FilterStatus> {
+        self.health.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What is wrong for as long as it lasts, beside what sensors and maps say themselves.
+    pub(crate) fn lasting(&self) -> Vec<(Code, String)> {
+        self.lock_health().lasting.clone()
+    }
+
+    /// What becomes of what was learned on its way to the disk; `None` where it is not written anywhere.
+    pub(crate) const fn saving(&self) -> Option<&Saving> {
+        self.saving.as_ref()
     }
 
     /// Every warning since the last call, however short it was: its number, and what it is about.
@@ -151,7 +185,7 @@ impl Sensors {
     }
 
     /// Has a map forgotten; `None` where the estimator does not answer.
-    pub(crate) fn forget(&self, name: &str) -> Option<Receiver<bool>> {
+    pub(crate) fn forget(&self, name: &str) -> Option<Receiver<Forgotten>> {
         let (answer, answered) = bounded(1);
         self.orders.try_send(Order::Forget(name.to_owned(), answer)).ok()?;
         Some(answered)
@@ -166,69 +200,17 @@ impl Sensors {
     }
 }
 
-/// Where the machine stands, from frames in wire order to moments in chain order.
-#[derive(Debug, Default)]
-struct Follower {
-    /// Wire index and kind of each axis of the model.
-    axes: Vec<Option<(usize, AxisKind)>>,
-    wire: [Option<AxisName>; MAX_AXES],
-    tip: Option<Vec3>,
-    clock: Option<SensorClock>,
-}
-
-impl Follower {
-    fn fit(&mut self, names: &[AxisName]) {
-        let find = |name: &AxisName| {
-            let k = self.wire.iter().position(|wire| *wire == Some(*name))?;
-            Some((k, name.kind()))
-        };
-        self.axes = names.iter().map(find).collect();
-    }
-
-    fn chain(&self, wire: &AxisArray) -> AxisArray {
-        let mut out = [0.0; MAX_AXES];
-        for (slot, axis) in out.iter_mut().zip(&self.axes) {
-            *slot = match axis {
-                Some((k, AxisKind::Linear)) => wire[*k],
-                Some((k, AxisKind::Rotary)) => rad_from_deg(wire[*k]),
-                None => 0.0,
-            };
-        }
-        out
-    }
-
-    fn sample(
-        &mut self,
-        now: MonoTime,
-        control_ns: i64,
-        commanded: &AxisArray,
-        actual: &AxisArray,
-    ) -> Option<MotionSample> {
-        if !commanded.iter().chain(actual).all(|v| v.is_finite()) {
-            return None;
-        }
-        let clock = self.clock.get_or_insert_with(|| SensorClock::new(0.0));
-        let at = clock.stamp(now, control_ns).at;
-        Some(MotionSample {
-            at,
-            commanded: self.chain(commanded),
-            actual: self.chain(actual),
-            tool_tip: self.tip,
-        })
-    }
-}
-
 /// What the service and the listener see, too.
-struct Shared {
+pub(super) struct Shared {
     known: Arc<[ConfiguredSensor]>,
     health: Arc<Mutex<FilterStatus>>,
     warnings: Sender<(Code, String)>,
-    dropped: Arc<AtomicU64>,
+    lost: Arc<Lost>,
 }
 
 impl Shared {
     /// Has a warning counted; a queue that is full costs the count, the log has it all the same.
-    fn count(&self, code: Code, about: impl Into<String>) {
+    pub(super) fn count(&self, code: Code, about: impl Into<String>) {
         let _ = self.warnings.try_send((code, about.into()));
     }
 }
@@ -247,13 +229,16 @@ struct Worker {
     orders: Receiver<Order>,
     readings: Receiver<Arrived>,
     shared: Shared,
-    writer: Option<checkpoint::Writer>,
+    writer: Option<Writer>,
+    /// Why what was learned is not on the disk.
+    unsaved: Option<String>,
     overload: Overload,
     estimator: Option<LiveEstimator>,
     follower: Follower,
     /// Tables that the cycle may still hold.
     sent: Vec<Arc<LiveTable>>,
-    notes: Vec<String>,
+    /// What the start with this model has found.
+    notes: Vec<Note>,
     statuses: Vec<estimate::SensorStatus>,
     map_states: Vec<MapCondition>,
     growths: Vec<ThermalStatus>,
@@ -274,12 +259,13 @@ impl Worker {
         shared: Shared,
     ) -> std::io::Result<Self> {
         let now = start.time.now();
-        let writer = start.directory.as_deref().map(checkpoint::Writer::start).transpose()?;
+        let writer = start.directory.as_deref().map(Writer::start).transpose()?;
         let mut worker = Self {
             orders,
             readings,
             shared,
             writer,
+            unsaved: None,
             overload: Overload::default(),
             estimator: None,
             follower: Follower::default(),
@@ -310,21 +296,13 @@ impl Worker {
         match estimator(&self.start.config.spec, model) {
             Ok(mut estimator) => {
                 if let Some(directory) = &self.start.directory {
-                    let (machine, now) = (&self.start.machine, SystemTime::now());
-                    self.notes = checkpoint::restore(directory, machine, &model.hash, &mut estimator, now);
+                    let of = (self.start.machine.as_str(), model.hash.as_str());
+                    let is_behind = self.writer.as_ref().is_some_and(Writer::is_behind);
+                    let now = SystemTime::now();
+                    self.notes.extend(checkpoint::restore(directory, of, &mut estimator, now, is_behind));
                 } else if estimator.learns() {
-                    self.notes.push("no state directory: the maps are lost when the daemon ends".to_owned());
-                }
-                for note in &self.notes {
-                    // one with a number is about something that is wrong
-                    let numbered =
-                        note.split_once(": ").and_then(|(code, of)| Some((Code::parse(code)?, of)));
-                    if let Some((code, about)) = numbered {
-                        warn!("{note}");
-                        self.shared.count(code, about);
-                    } else {
-                        info!("{note}");
-                    }
+                    self.notes
+                        .push(Note::plain("no state directory: the maps are lost when the daemon ends"));
                 }
                 for known in self.shared.known.iter() {
                     known.set_unit(
@@ -334,13 +312,18 @@ impl Worker {
                 self.estimator = Some(estimator);
             }
             Err(problem) => {
-                let code = Code::LIVE_UNUSED;
-                let note = format!("{code}: no live estimation with this model: {problem}");
-                warn!("{note}");
-                self.shared.count(code, problem.to_string());
-                self.notes.push(note);
+                let text = format!("no live estimation with this model: {problem}");
+                self.notes.push(Note::numbered(Code::LIVE_UNUSED, text));
                 self.shared.known.iter().for_each(|known| known.set_unit(None));
                 self.estimator = None;
+            }
+        }
+        for note in &self.notes {
+            if let Some(code) = note.code {
+                warn!("{note}");
+                self.shared.count(code, note.text.clone());
+            } else {
+                info!("{note}");
             }
         }
         self.fit();
@@ -372,6 +355,7 @@ impl Worker {
             }
             if now.seconds_since(self.told) >= HEALTH_S {
                 self.told = now;
+                self.look_at_the_disk();
                 self.show(now);
             }
             if now.seconds_since(self.recorded) >= RECORD_S {
@@ -382,8 +366,7 @@ impl Worker {
                 self.finish();
                 return;
             }
-            if self.kept.elapsed().as_secs_f64() >= self.start.config.keep_s {
-                self.kept = Instant::now();
+            if self.kept.elapsed().as_secs_f64() >= self.keep_s() {
                 self.keep();
             }
             match &self.start.end.lock_step {
@@ -408,12 +391,23 @@ impl Worker {
                     self.take_model();
                 }
                 Order::Forget(name, answer) => {
-                    let found = self.estimator.as_mut().is_some_and(|e| e.forget(&name));
-                    let _ = answer.try_send(found);
+                    let _ = answer.try_send(self.forget(&name));
                 }
             }
         }
         false
+    }
+
+    /// A map goes back to the offline map, and what is kept is replaced: a restart must not continue the map.
+    fn forget(&mut self, name: &str) -> Forgotten {
+        match self.estimator.as_mut().map(|estimator| estimator.forget(name)) {
+            None => Forgotten::Unused,
+            Some(false) => Forgotten::NoSuchMap,
+            Some(true) => {
+                info!(map = name, "the map restarts from the offline map");
+                Forgotten::Done(self.keep())
+            }
+        }
     }
 
     /// True where a frame waits.
@@ -425,7 +419,7 @@ impl Worker {
         while let Some(motion) = next {
             match motion {
                 Motion::Axes { axes } => {
-                    self.follower = Follower { wire: axes, ..Follower::default() };
+                    self.follower = Follower::new(axes);
                     self.fit();
                 }
                 Motion::Down => {
@@ -470,14 +464,13 @@ impl Worker {
     }
 
     fn log_overload(&mut self, now: MonoTime, left_out: bool) {
-        let dropped = self.shared.dropped.load(Relaxed);
+        let dropped = self.shared.lost.dropped.load(Relaxed);
         let left_out = left_out || dropped > self.overload.dropped;
         self.overload.dropped = dropped;
         match self.overload.since {
             None if left_out => {
                 let code = Code::ESTIMATOR_OVERLOADED;
                 warn!(%code, "the estimator does not keep up with its sensors; readings are left out");
-                self.shared.count(code, "readings are left out");
             }
             Some(since) if !left_out && now.seconds_since(since) > RELIEF_S => {
                 info!("the estimator keeps up with its sensors again");
@@ -540,11 +533,11 @@ impl Worker {
             Some(estimator) => FilterStatus::new(&estimator.health(now)),
             None => FilterStatus::unused(&self.start.config.spec),
         };
-        status.notes.clone_from(&self.notes);
-        if self.overload.since.is_some() {
-            let code = Code::ESTIMATOR_OVERLOADED;
-            status.notes.push(format!("{code}: the estimator does not keep up with its sensors"));
-        }
+        let overloaded = "the estimator does not keep up with its sensors".to_owned();
+        status.lasting.extend(self.overload.since.map(|_| (Code::ESTIMATOR_OVERLOADED, overloaded)));
+        status.lasting.extend(self.unsaved.clone().map(|text| (Code::COUNTERS_NOT_SAVED, text)));
+        status.notes = self.notes.iter().map(Note::to_string).collect();
+        status.notes.extend(status.lasting.iter().map(|(code, text)| format!("{code}: {text}")));
         *self.shared.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
     }
 
@@ -564,21 +557,29 @@ impl Worker {
         checkpoint::text(machine, hash, estimator, SystemTime::now()).ok()
     }
 
-    fn keep(&mut self) {
-        let Some((writer, text)) = self.writer.as_ref().zip(self.kept_text()) else { return };
-        let problem = if writer.write(text) {
-            // of the one before, for this one is on its way
-            writer.problem()
-        } else {
-            Some(format!("{}: the disk does not answer", checkpoint::FILE))
-        };
-        if let Some(problem) = problem {
-            let note = format!("maps are not saved: {problem}");
-            if !self.notes.contains(&note) {
-                warn!("{note}");
-                self.notes.push(note);
-            }
+    /// Interval at which what was learned is kept, s.
+    fn keep_s(&self) -> f64 {
+        let keep_s = self.start.config.keep_s;
+        if self.unsaved.is_some() { keep_s.min(RETRY_S) } else { keep_s }
+    }
+
+    /// Hands what was learned to the disk; gives its number.
+    fn keep(&mut self) -> u64 {
+        self.kept = Instant::now();
+        let kept = self.writer.as_ref().zip(self.kept_text());
+        kept.map_or(0, |(writer, text)| writer.write(text))
+    }
+
+    /// Whether the disk has taken what it was given last; changes go into the log.
+    fn look_at_the_disk(&mut self) {
+        let problem = self.writer.as_ref().and_then(Writer::problem);
+        let unsaved = problem.map(|problem| format!("maps are not saved: {problem}"));
+        match (&self.unsaved, &unsaved) {
+            (None, Some(text)) => warn!(code = %Code::COUNTERS_NOT_SAVED, "{text}"),
+            (Some(_), None) => info!("maps are saved again"),
+            _ => {}
         }
+        self.unsaved = unsaved;
     }
 
     /// The last word to the disk, however long that takes: the service does not wait for ever.
@@ -587,63 +588,5 @@ impl Worker {
         if let Some(writer) = self.writer.take() {
             writer.finish(last);
         }
-    }
-}
-
-/// A map stands otherwise than before.
-fn log_map(map: &str, before: MapCondition, now: MapCondition, shared: &Shared) {
-    let warned = |code: Code, text: &str| {
-        warn!(map, %code, "{text}");
-        shared.count(code, map);
-    };
-    if now.limited && !before.limited {
-        warned(Code::MAP_LIMITED, "the map exceeds its limit; the limit is used");
-    } else if before.limited && !now.limited {
-        info!(map, "the map is within its limit again");
-    }
-    match (now.alarm, now.is_static) {
-        of if of == (before.alarm, before.is_static) => {}
-        (_, true) => warned(Code::MAP_STATIC, "the map is given up for the static model"),
-        (true, false) => warned(Code::MAP_ALARM, "a sensor contradicts the map"),
-        (false, false) => info!(map, "the map is learned again"),
-    }
-}
-
-/// A thermal displacement stands otherwise than before.
-fn log_thermal(growth: &str, status: ThermalStatus, input: &str) {
-    let code = growth_code(status).map(|code| code.to_string());
-    match status {
-        ThermalStatus::Waiting(_) => {}
-        ThermalStatus::Used => info!(growth, "the thermal displacement is used"),
-        ThermalStatus::Outside(_) => {
-            warn!(
-                growth,
-                input, code, "an input is outside the range of the fit; the thermal displacement fades"
-            );
-        }
-        ThermalStatus::Lost(_) => {
-            warn!(growth, input, code, "an input is lost; the thermal displacement is held, then taken back");
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn frames_become_moments_in_chain_order() {
-        let mut follower = Follower::default();
-        let mut wire = [None; MAX_AXES];
-        wire[..3].copy_from_slice(&[Some(AxisName::C), Some(AxisName::Y), Some(AxisName::X)]);
-        follower.wire = wire;
-        follower.fit(&[AxisName::X, AxisName::Y, AxisName::Z, AxisName::C, AxisName::S]);
-        let mut frame = [0.0; MAX_AXES];
-        frame[..3].copy_from_slice(&[180.0, 20.0, 10.0]);
-        let sample = follower.sample(MonoTime::ZERO, 5, &frame, &frame).unwrap();
-        assert_eq!(&sample.commanded[..3], &[10.0, 20.0, 0.0]);
-        assert!((sample.commanded[3] - core::f64::consts::PI).abs() < 1e-12);
-        frame[1] = f64::NAN;
-        assert!(follower.sample(MonoTime::ZERO, 5, &frame, &frame).is_none());
     }
 }

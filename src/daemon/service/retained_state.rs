@@ -11,6 +11,7 @@ use volcomp_state::counters::{Recalled, RetainedState};
 use super::Service;
 use crate::channels::{Request, Ticket};
 use crate::counters::unknown;
+use crate::sensors::Sensors;
 use crate::sync;
 use crate::write_queue::Saved;
 use volcomp_config::StartMode;
@@ -184,6 +185,15 @@ impl Service {
     /// Whether the newest change of the word is durable.
     pub(crate) fn retained_state_saved(&self) -> Saved {
         self.state_writer.saved(self.retained.saved.load(Relaxed))
+    }
+
+    /// Whether that a map was forgotten is durable; `number` is that of the state of the maps.
+    pub(crate) fn forgotten_saved(&self, number: u64) -> Saved {
+        match self.sensors.as_ref().and_then(Sensors::saving) {
+            Some(saving) => saving.saved(number),
+            // no state directory, or one that cannot be used: a later start may find what an earlier one has kept there
+            None => self.state_writer.saved(0),
+        }
     }
 
     /// Whether a restart of a daemon without a state directory would undo a request to the worse.

@@ -271,9 +271,9 @@ impl LiveEstimator {
         Some(self.maps.get(map)?.map.delay(sensor.number))
     }
 
-    /// How each sensor stands, by name.
+    /// How each sensor stands, by name, as it is reported.
     pub fn sensor_statuses(&self) -> impl Iterator<Item = (&str, SensorStatus)> + '_ {
-        self.sensors.iter().map(|s| (s.spec.name.as_str(), s.supervisor.status()))
+        self.sensors.iter().map(|s| (s.spec.name.as_str(), s.supervisor.reported().0))
     }
 
     /// How each map stands.

@@ -214,11 +214,12 @@ impl SensorState {
     /// How it goes; `delay` is what its map knows of its delay.
     pub(super) fn health(&self, now: MonoTime, delay: Option<[f64; 2]>) -> SensorHealth {
         let is_tool = matches!(self.spec.kind, SensorKind::Tool { .. });
+        let (status, since) = self.supervisor.reported();
         SensorHealth {
             name: self.spec.name.clone(),
             kind: self.spec.kind.name(),
-            status: self.supervisor.status(),
-            status_s: now.seconds_since(self.supervisor.since()),
+            status,
+            status_s: now.seconds_since(since),
             age_s: self.supervisor.heard().map(|at| now.seconds_since(at)),
             clock_offset_s: self.clock.offset_s(),
             shift_s: delay,
