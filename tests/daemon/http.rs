@@ -349,7 +349,8 @@ fn other_names_paths_methods_and_sizes_are_refused() {
 #[test]
 fn hostile_clients_cost_themselves_only() {
     let port = Port::open();
-    let (daemon, address) = served(&port, Setup::default());
+    // this control says nothing while it waits for an answer of the page
+    let (daemon, address) = served(&port, Setup { silence_s: 30.0, ..Setup::default() });
     let mut session = port.link();
     session.run_until_corrected();
     // event streams that nobody reads, up to the limit and beyond it
