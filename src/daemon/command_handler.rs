@@ -315,14 +315,19 @@ async fn or_fault(answer: Answer, what: &str, service: &Mutex<Service>) -> Answe
     if !answer.ok {
         return answer;
     }
-    let (first, enough, cycle_s) = {
-        let service = service.lock();
+    let (first, enough, cycle_s, latched) = {
+        let mut service = service.lock();
+        service.drain();
         let config = service.config();
-        (service.frames(), u64::from(config.engine.read_back_cycles) + SETTLE_FRAMES, config.link.cycle_s)
+        let enough = u64::from(config.engine.read_back_cycles) + SETTLE_FRAMES;
+        (service.frames(), enough, config.link.cycle_s, service.latched())
     };
+    let refused =
+        |fault: String| Answer { notes: answer.notes.clone(), ..Answer::refused(format!("{what}: {fault}")) };
     let [shortest, longest] = SETTLE_LIMIT_S;
     let limit = Duration::from_secs_f64((4.0 * enough as f64 * cycle_s).clamp(shortest, longest));
-    let Some(first) = first else { return answer };
+    // a fault may have ended the link already
+    let Some(first) = first else { return latched.map_or_else(|| answer.clone(), refused) };
     let fault = async {
         loop {
             {
@@ -337,7 +342,7 @@ async fn or_fault(answer: Answer, what: &str, service: &Mutex<Service>) -> Answe
         }
     };
     match timeout(limit, fault).await {
-        Ok(Some(fault)) => Answer { notes: answer.notes, ..Answer::refused(format!("{what}: {fault}")) },
+        Ok(Some(fault)) => refused(fault),
         Ok(None) | Err(_) => Answer { state: Some(service.lock().state().to_owned()), ..answer },
     }
 }
