@@ -1,7 +1,7 @@
 //! What sensors have taught, on the disk of a real `volcompd`: forgotten for good, and reported where it cannot be saved.
 //! And a sensor that has taught nothing, for none of its messages can be read.
 
-#![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
+#![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 use std::fs;
 use std::io::Write;
