@@ -224,7 +224,7 @@ fn files_become_a_model_with_reference_points_and_uncertainty() {
     .concat();
     let (report, notes) = succeed(d, &args);
     assert!(
-        report.contains("passed") && report.contains("EYX um") && notes.contains("model written"),
+        report.contains("passed") && report.contains("EYX µm") && notes.contains("model written"),
         "{report}{notes}"
     );
     let text = std::fs::read_to_string(d.join("model.toml")).unwrap();
