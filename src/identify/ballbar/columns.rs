@@ -50,6 +50,11 @@ fn speeds(angle: f64) -> [f64; 2] {
     [-angle.sin(), angle.cos()]
 }
 
+/// Coordinate of an axis about the centre, in radii.
+fn along(axis: usize, s: &Sample) -> f64 {
+    if axis == 0 { s.angle.cos() } else { s.angle.sin() }
+}
+
 /// Below this share of the speed along the path an axis stands: a reading there is from before its reversal or from behind it.
 const STANDS: f64 = 1e-6;
 
@@ -123,7 +128,7 @@ pub(super) fn is_crossing(circles: &Circles, play: Play) -> bool {
 
 /// Share of the play that an axis has crossed since its reversal.
 fn crossed(axis: usize, s: &Sample, radius: f64, play: Play) -> f64 {
-    let along = if axis == 0 { s.angle.cos() } else { s.angle.sin() };
+    let along = along(axis, s);
     let is_from_positive_end = axis_travel(axis, s) < 0.0;
     let way = radius * if is_from_positive_end { 1.0 - along } else { 1.0 + along };
     let width = play[axis][usize::from(!is_from_positive_end)];
@@ -193,7 +198,7 @@ fn axis_travel(axis: usize, s: &Sample) -> f64 {
 
 /// Lost motion: the axis lags half of it behind, whichever way it goes.
 fn backlash(axis: usize, s: &Sample) -> f64 {
-    -0.5 * axis_travel(axis, s) * if axis == 0 { s.angle.cos() } else { s.angle.sin() }
+    -0.5 * axis_travel(axis, s) * along(axis, s)
 }
 
 /// Travel of an axis shifts the tool along the other one.
@@ -203,7 +208,7 @@ fn lateral_play(axis: usize, s: &Sample) -> f64 {
 
 /// 1 at one end of travel, 0 at the other.
 fn towards(axis: usize, end: End, s: &Sample) -> f64 {
-    let along = if axis == 0 { s.angle.cos() } else { s.angle.sin() };
+    let along = along(axis, s);
     if end == End::Positive { (1.0 + along) / 2.0 } else { (1.0 - along) / 2.0 }
 }
 
@@ -255,7 +260,7 @@ pub(super) fn of_spikes(circles: &Circles, time: f64) -> Spikes {
 
 /// Sine and cosine of a cyclic error with this pitch.
 pub(super) fn of_cyclic(circles: &Circles, axis: usize, pitch: f64) -> [Column; 2] {
-    let along = |s: &Sample| if axis == 0 { s.angle.cos() } else { s.angle.sin() };
+    let along = |s: &Sample| along(axis, s);
     let phase = |s: &Sample| TAU * (circles.centre[axis] + circles.radius * along(s)) / pitch;
     [f64::sin as fn(f64) -> f64, f64::cos].map(|f| Column {
         what: What::Of(Effect::Cyclic(axis), None),

@@ -3,11 +3,11 @@
 use crate::prelude::*;
 
 use super::Sample;
+use super::runs::{BINS, bin};
 use super::wander::Wander;
 
-/// Angle over which residuals may be autocorrelated, rad; in bins of one degree.
+/// Angle over which residuals may be autocorrelated, in bins.
 const TOGETHER: usize = 15;
-const BINS: usize = 360;
 
 /// Factor on standard uncertainties for autocorrelated residuals: root of their correlation time. 1 where they
 /// are as uncorrelated as white noise would look.
@@ -40,8 +40,7 @@ pub(super) fn hanging_together(
     let unknowns = white.nrows();
     let mut scores = DMatrix::<f64>::zeros(unknowns, BINS);
     for (i, (s, r)) in samples.iter().zip(residuals.iter()).enumerate() {
-        let bin = (s.angle.rem_euclid(TAU) / TAU * BINS as f64) as usize % BINS;
-        scores.column_mut(bin).axpy(*r, &gain.column(i), 1.0);
+        scores.column_mut(bin(s)).axpy(*r, &gain.column(i), 1.0);
     }
     let mut near = DMatrix::<f64>::zeros(unknowns, BINS);
     for bin in 0..BINS {

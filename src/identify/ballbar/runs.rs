@@ -53,6 +53,14 @@ pub fn travelled(samples: &[Sample]) -> Vec<f64> {
     runs(samples).map(|run| path(run).last().copied().unwrap_or(0.0)).collect()
 }
 
+/// Bins of a degree on the circle.
+pub(super) const BINS: usize = 360;
+
+/// The bin of a reading.
+pub(super) fn bin(s: &Sample) -> usize {
+    (s.angle.rem_euclid(TAU) / TAU * BINS as f64) as usize % BINS
+}
+
 /// Time of each reading of each run from its begin, s (without feed: rad).
 pub(super) fn run_times(samples: &[Sample]) -> Vec<Vec<f64>> {
     let times = |run: &[Sample]| {

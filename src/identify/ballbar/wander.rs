@@ -1,16 +1,13 @@
 //! Wander of instrument and machine during the runs: noise that is correlated in time, which no angle tells from an effect that changes
 //! sign between the directions.
 
-use core::f64::consts::TAU;
-
 use nalgebra::{DMatrix, DVector};
 
 use super::Sample;
-use super::runs::{run_starts, run_times};
+use super::runs::{BINS, bin, run_starts, run_times};
 
-/// Bins of the circle, and distances along a run at which readings are compared, in bins: what the shape of an effect leaves is shorter, and
-/// farther apart the effects have taken part of the wander.
-const BINS: usize = 360;
+/// Distances along a run at which readings are compared, in bins: what the shape of an effect leaves is shorter, and farther apart the
+/// effects have taken part of the wander.
 const LAGS: [usize; 5] = [6, 12, 24, 48, 80];
 /// Correlation times that are tried, as shares of the longest time between two readings that are compared.
 const TIMES: [f64; 7] = [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4];
@@ -22,7 +19,7 @@ pub(super) struct Wander {
     time: f64,
 }
 
-/// Readings of a run in a bin: their mean time, and what they have beyond the mean of all runs there in the mean; none where one run alone was.
+/// Readings of a run in a bin: their mean time, and their mean beyond that of all runs there. `count` is 0 where no other run was there.
 struct Bin {
     angle: usize,
     time: f64,
@@ -96,12 +93,11 @@ impl Wander {
 
 /// The runs in bins.
 fn binned(samples: &[Sample], residuals: &DVector<f64>) -> Vec<Vec<Bin>> {
-    let angle = |s: &Sample| (s.angle.rem_euclid(TAU) / TAU * BINS as f64) as usize % BINS;
     let mut runs: Vec<Vec<Bin>> = Vec::new();
     for (first, times) in run_starts(samples).into_iter().zip(run_times(samples)) {
         let mut bins: Vec<Bin> = Vec::new();
         for (k, time) in times.into_iter().enumerate() {
-            let (at, residual) = (angle(&samples[first + k]), residuals[first + k]);
+            let (at, residual) = (bin(&samples[first + k]), residuals[first + k]);
             match bins.last_mut().filter(|b| b.angle == at) {
                 Some(b) => {
                     (b.time, b.residual, b.count) = (b.time + time, b.residual + residual, b.count + 1.0);
